@@ -8,3 +8,4 @@ mod common;
 mod scene_viewer;
 mod scripts;
 mod scripts_boxes;
+mod scripts_panels;

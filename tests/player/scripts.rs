@@ -44,12 +44,17 @@ impl VirtualDisplay {
     /// Without Xvfb, unless INSTGS_SKIP_WINDOW=1 says that tests with a window are not wanted.
     #[allow(clippy::print_stderr, reason = "a skipped test must be heard")]
     pub(crate) fn open() -> Option<Self> {
+        Self::open_of("800x600x24")
+    }
+
+    /// A display of a size and depth, as Xvfb names them.
+    pub(crate) fn open_of(screen: &str) -> Option<Self> {
         if std::env::var_os("INSTGS_SKIP_WINDOW").is_some_and(|v| v == "1") {
             eprintln!("INSTGS_SKIP_WINDOW=1: A TEST THAT NEEDS A VIRTUAL DISPLAY IS SKIPPED");
             return None;
         }
         let mut server = std::process::Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp"])
+            .args(["-displayfd", "1", "-screen", "0", screen, "-nolisten", "tcp"])
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()

@@ -5,10 +5,15 @@ use std::str::FromStr;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use glam::DVec3;
 
-use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn};
+use instgs_vk::scene::edit::{
+    AlignTo, Edit, Extra, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn,
+};
 
 /// Upper bound of the instances of one `--scatter`: more than any scene shows, so a typing error ends here.
 const MOST_SCATTERED: usize = 1_000_000;
+
+/// Growth of the box of `--give`, relative to its size.
+const GIVE_MARGIN: f64 = 0.05;
 
 /// One operation: its flag and the words after the flag.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,7 +27,7 @@ struct Operation {
 pub(super) struct Operations(Vec<Operation>);
 
 /// For each flag: its name, the names of its values, its help text.
-const FLAGS: [(&str, &[&str], &str); 10] = [
+const FLAGS: [(&str, &[&str], &str); 19] = [
     (
         "duplicate",
         &["K", "by=DX,DY,DZ", "yaw=DEG"],
@@ -45,8 +50,8 @@ const FLAGS: [(&str, &[&str], &str); 10] = [
     (
         "scatter",
         &["template=G", "count=N", "..."],
-        "Add instances: over a plane with point=X,Y,Z extent=W,H [normal=X,Y,Z] [distance=D] [turn=DEG] [seed=S], or \
-         along path=X,Y,Z/X,Y,Z/... [yaw=DEG]; offsets=shared:K or offsets=copied:K gives them those of K [default: none]",
+        "Add instances: over a plane with point=X,Y,Z extent=W,H [normal=X,Y,Z] [distance=D] [turn=DEG] [seed=S], in a \
+         polygon with area=X,Y,Z/X,Y,Z/X,Y,Z/... [distance=D] [turn=DEG] [seed=S], or along path=X,Y,Z/X,Y,Z/... [yaw=DEG]; offsets=shared:K or offsets=copied:K gives them those of K [default: none]",
     ),
     (
         "crop",
@@ -59,6 +64,37 @@ const FLAGS: [(&str, &[&str], &str); 10] = [
         &["template=G", "at=X,Y,Z/...", "radius=R"],
         "Remove the Gaussians of a template within a radius of points of its frame",
     ),
+    (
+        "align",
+        &["K", "axis=x|y|z|up|X,Y,Z", "to=lowest|mean|highest|base"],
+        "Move instances along an axis until their centres [default: at their mean] or their lower ends (base) are level",
+    ),
+    (
+        "distribute",
+        &["K", "axis=x|y|z|up|X,Y,Z"],
+        "Move instances along an axis until their centres are at equal distances; the outermost two stay",
+    ),
+    (
+        "mirror",
+        &["K", "axis=x|y|z|up|X,Y,Z", "at=X,Y,Z"],
+        "Mirror instances across the plane with that normal, through a point [default: the middle of them]; their templates \
+         get mirrored twins",
+    ),
+    ("unique", &["K"], "Make an instance a template of its own, with its offsets, colours and own Gaussians built in"),
+    (
+        "reset",
+        &["K", "what=all|offsets|own|colours"],
+        "Remove what sets an instance apart from its template [default: all]",
+    ),
+    (
+        "give",
+        &["K", "margin=PART"],
+        "Give an instance the Gaussians of the background inside its template's box as its own; the box grows by a part of \
+         its size [default: 0.05]",
+    ),
+    ("take", &["K"], "Return the own Gaussians of an instance to the background, where they are now"),
+    ("relight", &["K"], "Give an instance the mean colour matrix of the nearest other instances of its template"),
+    ("rename", &["template=G", "name=NAME"], "Name the group of a template"),
 ];
 
 impl Args for Operations {
@@ -146,6 +182,10 @@ impl<'a> Words<'a> {
         match flag {
             "scatter" => return self.scatter(up).map(Edit::Scatter),
             "crop" => return self.crop(),
+            "rename" => {
+                let template = self.needed("template", whole)?;
+                return Ok(Edit::Rename { template, name: self.needed("name", |name| Ok(name.to_owned()))? });
+            }
             "erase" => {
                 let (template, centres) = (self.needed("template", whole)?, self.needed("at", path)?);
                 return Ok(Edit::Erase { template, centres, radius: self.needed("radius", number)? });
@@ -167,6 +207,20 @@ impl<'a> Words<'a> {
             "rotate" => Edit::Rotate { which, turn: self.turn(up)? },
             "scale" => Edit::Scale { which, by: self.needed("by", number)? },
             "delete" => Edit::Delete { which },
+            "align" => {
+                let axis = self.needed("axis", |text| axis(text, up))?;
+                Edit::Align { which, axis, to: self.parsed("to", aligned_to)?.unwrap_or_default() }
+            }
+            "distribute" => Edit::Distribute { which, axis: self.needed("axis", |text| axis(text, up))? },
+            "mirror" => {
+                let normal = self.needed("axis", |text| axis(text, up))?;
+                Edit::Mirror { which, normal, point: self.parsed("at", vector)? }
+            }
+            "unique" => Edit::MakeUnique { which },
+            "reset" => Edit::Reset { which, what: self.parsed("what", extra)?.unwrap_or_default() },
+            "give" => Edit::Give { which, margin: self.parsed("margin", number)?.unwrap_or(GIVE_MARGIN) },
+            "take" => Edit::Take { which },
+            "relight" => Edit::Relight { which },
             "recolour" => {
                 let rgb = self.needed("rgb", vector)?;
                 Edit::Recolour { which, rgb: rgb.as_vec3().to_array() }
@@ -189,9 +243,17 @@ impl<'a> Words<'a> {
         if count > MOST_SCATTERED {
             return Err(format!("count={count} is too many: at most {MOST_SCATTERED}"));
         }
-        let over = match self.parsed("path", path)? {
-            Some(points) => ScatterOver::Path { points, up, yaw: self.parsed("yaw", radians)?.unwrap_or(0.0) },
-            None => ScatterOver::Plane {
+        let over = match (self.parsed("path", path)?, self.parsed("area", path)?) {
+            (Some(_), Some(_)) => return Err("want either path=... or area=...".into()),
+            (Some(points), None) => ScatterOver::Path { points, up, yaw: self.parsed("yaw", radians)?.unwrap_or(0.0) },
+            (None, Some(points)) => ScatterOver::Polygon {
+                points,
+                up,
+                min_distance: self.parsed("distance", number)?.unwrap_or(0.0),
+                turn: self.parsed("turn", radians)?.unwrap_or(std::f64::consts::TAU),
+                seed: self.parsed("seed", whole)?.unwrap_or(0),
+            },
+            (None, None) => ScatterOver::Plane {
                 point: self.needed("point", vector)?,
                 normal: self.parsed("normal", vector)?.unwrap_or(up),
                 extent: self.needed("extent", numbers)?,
@@ -272,6 +334,37 @@ fn corners(text: &str) -> Result<[DVec3; 2], String> {
     };
     let both = text.split_once('/').and_then(|(low, high)| Some([corner(low)?, corner(high)?]));
     both.ok_or_else(|| "want the lower and the upper corner, X,Y,Z/X,Y,Z".into())
+}
+
+/// An axis by name, or as a vector.
+fn axis(text: &str, up: DVec3) -> Result<DVec3, String> {
+    Ok(match text {
+        "x" => DVec3::X,
+        "y" => DVec3::Y,
+        "z" => DVec3::Z,
+        "up" => up,
+        _ => vector(text).map_err(|_| "want x, y, z, up or three numbers separated by commas")?,
+    })
+}
+
+fn aligned_to(text: &str) -> Result<AlignTo, String> {
+    Ok(match text {
+        "lowest" => AlignTo::Lowest,
+        "mean" => AlignTo::Mean,
+        "highest" => AlignTo::Highest,
+        "base" => AlignTo::Base,
+        _ => return Err("want lowest, mean, highest or base".into()),
+    })
+}
+
+fn extra(text: &str) -> Result<Extra, String> {
+    Ok(match text {
+        "all" => Extra::All,
+        "offsets" => Extra::Offsets,
+        "own" => Extra::Own,
+        "colours" | "colors" => Extra::Colours,
+        _ => return Err("want all, offsets, own or colours".into()),
+    })
 }
 
 fn kept_side(text: &str) -> Result<Keep, String> {
@@ -358,6 +451,31 @@ mod tests {
     }
 
     #[test]
+    fn operations_of_arranging_and_of_templates() {
+        let line = "--align 0,1 axis=up to=base --align group:a axis=0,1,1 --distribute 0,1,2 axis=x --mirror 3 axis=y at=1,2,3 \
+                    --unique 3 --reset 2 --reset 2 what=own --give 3 margin=-0.1 --take 3 --relight id:4 \
+                    --rename template=1 name=chair --scatter template=0 count=3 area=0,0,0/1,0,0/0,0,1 distance=2 turn=0";
+        let which = |text: &str| text.parse().unwrap();
+        let points = vec![DVec3::ZERO, DVec3::X, DVec3::Z];
+        let over = ScatterOver::Polygon { points, up: DVec3::NEG_Y, min_distance: 2.0, turn: 0.0, seed: 0 };
+        let want = [
+            Edit::Align { which: which("0,1"), axis: DVec3::NEG_Y, to: AlignTo::Base },
+            Edit::Align { which: which("group:a"), axis: DVec3::new(0.0, 1.0, 1.0), to: AlignTo::Mean },
+            Edit::Distribute { which: which("0,1,2"), axis: DVec3::X },
+            Edit::Mirror { which: which("3"), normal: DVec3::Y, point: Some(DVec3::new(1.0, 2.0, 3.0)) },
+            Edit::MakeUnique { which: which("3") },
+            Edit::Reset { which: which("2"), what: Extra::All },
+            Edit::Reset { which: which("2"), what: Extra::Own },
+            Edit::Give { which: which("3"), margin: -0.1 },
+            Edit::Take { which: which("3") },
+            Edit::Relight { which: which("id:4") },
+            Edit::Rename { template: 1, name: "chair".into() },
+            Edit::Scatter(Scatter { template: 0, count: 3, over, offsets: OffsetSource::None }),
+        ];
+        assert_eq!(edits(&line.split_whitespace().collect::<Vec<_>>()).unwrap(), want);
+    }
+
+    #[test]
     fn errors_name_the_operation_and_the_word() {
         for (line, want) in [
             ("--move 3", "--move: want either by"),
@@ -386,6 +504,12 @@ mod tests {
             ("--scatter template=0 count=9 path=1,2,3/4", "want 3 numbers"),
             ("--scatter template=0 count=9 point=0,0,0 extent=1,1 offsets=3", "want none, shared:K"),
             ("--scatter template=0 count=9 path=0,0,0/1,1,1 extent=1,1", "has no extent"),
+            ("--scatter template=0 count=9 path=0,0,0/1,1,1 area=0,0,0/1,1,1", "want either path"),
+            ("--align 0,1", "axis=... is missing"),
+            ("--mirror 0 axis=w", "want x, y, z, up or"),
+            ("--align 0,1 axis=x to=left", "want lowest, mean"),
+            ("--reset 0 what=shape", "want all, offsets"),
+            ("--rename template=0", "name=... is missing"),
         ] {
             let error = edits(&line.split_whitespace().collect::<Vec<_>>()).unwrap_err();
             assert!(error.contains(want), "{line}: {error}");

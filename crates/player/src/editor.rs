@@ -1,7 +1,8 @@
 //! Selecting and changing instances, with undo.
 //!
 //! Hiding belongs to the session: hidden instances are not drawn and cannot be selected, but stay in the scene and in
-//! the files written from it. Hiding is an undo step like a change.
+//! the files written from it. Locking does, too: locked instances are drawn, but cannot be selected. Both are undo steps like
+//! changes.
 
 use std::collections::BTreeSet;
 
@@ -25,12 +26,21 @@ const MOST_BYTES: u64 = 1 << 30;
 pub struct Editor {
     chosen: BTreeSet<usize>,
     hidden: BTreeSet<usize>,
+    locked: BTreeSet<usize>,
     undo: Vec<Step>,
     redo: Vec<Step>,
     /// The state before the change in progress.
     in_progress: Option<Step>,
     unsaved: bool,
+    /// Counts changes of the scene, undone and redone ones included.
+    revision: u64,
 }
+
+/// What an undo step is called that changes nothing of the scene.
+const HIDE: &str = "hide";
+const SHOW: &str = "show";
+const LOCK: &str = "lock";
+const UNLOCK: &str = "unlock";
 
 impl Editor {
     /// Indices of the selected instances.
@@ -60,6 +70,24 @@ impl Editor {
         self.unsaved = false;
     }
 
+    /// The number of changes so far, of which a file that is being written holds some; completes a change in progress.
+    pub fn revision(&mut self) -> u64 {
+        self.finish();
+        self.revision
+    }
+
+    /// Marks the scene as saved if nothing was changed since a revision.
+    pub fn saved_at(&mut self, revision: u64) {
+        if self.revision == revision && !self.is_live() {
+            self.unsaved = false;
+        }
+    }
+
+    /// What can be undone and what can be redone, by the names of the edits, the next one first.
+    pub fn history(&self) -> [Vec<&'static str>; 2] {
+        [&self.undo, &self.redo].map(|steps| steps.iter().rev().map(|step| step.what).collect())
+    }
+
     /// Number of changes that can be undone and redone.
     pub fn steps(&self) -> [usize; 2] {
         [self.undo.len(), self.redo.len()]
@@ -77,11 +105,27 @@ impl Editor {
         if !more {
             self.chosen.clear();
         }
-        if let Some(instance) = instance
+        if let Some(instance) = instance.filter(|k| !self.locked.contains(k))
             && !self.chosen.insert(instance)
         {
             self.chosen.remove(&instance);
         }
+    }
+
+    /// Selects these instances, but for locked and hidden ones; with `more`, in addition to those that are selected.
+    pub fn choose(&mut self, instances: impl IntoIterator<Item = usize>, more: bool) {
+        self.finish();
+        if !more {
+            self.chosen.clear();
+        }
+        let free = |k: &usize| !self.locked.contains(k) && !self.hidden.contains(k);
+        self.chosen.extend(instances.into_iter().filter(free));
+    }
+
+    /// Selects what is not selected, and the other way round.
+    pub fn choose_others(&mut self, scene: &InstancedScene) {
+        let others: Vec<usize> = (0..scene.instances.len()).filter(|k| !self.chosen.contains(k)).collect();
+        self.choose(others, false);
     }
 
     /// Selects all visible instances of the selected instances' templates.
@@ -99,7 +143,8 @@ impl Editor {
     fn choose_same<T: Ord>(&mut self, kind_of: impl Fn(usize) -> T, instances: usize) {
         self.finish();
         let kinds: BTreeSet<T> = self.chosen.iter().map(|&k| kind_of(k)).collect();
-        let wanted = |k: &usize| !self.hidden.contains(k) && kinds.contains(&kind_of(*k));
+        let free = |k: &usize| !self.hidden.contains(k) && !self.locked.contains(k);
+        let wanted = |k: &usize| free(k) && kinds.contains(&kind_of(*k));
         self.chosen = (0..instances).filter(wanted).collect();
     }
 
@@ -110,27 +155,63 @@ impl Editor {
 
     /// Hides the selected instances and clears the selection; `None` without a selection.
     pub fn hide_chosen(&mut self) -> Option<Changed> {
-        self.finish();
-        if self.chosen.is_empty() {
-            return None;
-        }
-        let step = self.here(Parts::default());
-        let chosen = std::mem::take(&mut self.chosen);
-        self.hidden.extend(&chosen);
-        self.push(step);
-        Some(Changed::Shown(chosen.into_iter().collect()))
+        let chosen: Vec<usize> = self.chosen.iter().copied().collect();
+        self.set_hidden(&chosen, true)
     }
 
     /// Shows and selects all hidden instances; `None` if there are none.
     pub fn show_all(&mut self) -> Option<Changed> {
+        let hidden: Vec<usize> = self.hidden.iter().copied().collect();
+        let changed = self.set_hidden(&hidden, false);
+        if changed.is_some() {
+            self.chosen = hidden.into_iter().filter(|k| !self.locked.contains(k)).collect();
+        }
+        changed
+    }
+
+    /// Hides instances, which leave the selection, or shows them; `None` if they are so already.
+    pub fn set_hidden(&mut self, instances: &[usize], hidden: bool) -> Option<Changed> {
         self.finish();
-        if self.hidden.is_empty() {
+        let other: Vec<usize> = instances.iter().copied().filter(|k| self.hidden.contains(k) != hidden).collect();
+        if other.is_empty() {
             return None;
         }
-        let step = self.here(Parts::default());
-        self.chosen = std::mem::take(&mut self.hidden);
+        let step = self.here(if hidden { HIDE } else { SHOW }, Parts::default());
+        for &k in &other {
+            if hidden {
+                self.hidden.insert(k);
+                self.chosen.remove(&k);
+            } else {
+                self.hidden.remove(&k);
+            }
+        }
         self.push(step);
-        Some(Changed::Shown(self.chosen.iter().copied().collect()))
+        Some(Changed::Shown(other))
+    }
+
+    /// Indices of the locked instances.
+    pub fn locked(&self) -> &BTreeSet<usize> {
+        &self.locked
+    }
+
+    /// Locks instances, which leave the selection, or unlocks them; false if they are so already.
+    pub fn set_locked(&mut self, instances: &[usize], locked: bool) -> bool {
+        self.finish();
+        let other: Vec<usize> = instances.iter().copied().filter(|k| self.locked.contains(k) != locked).collect();
+        if other.is_empty() {
+            return false;
+        }
+        let step = self.here(if locked { LOCK } else { UNLOCK }, Parts::default());
+        for &k in &other {
+            if locked {
+                self.locked.insert(k);
+                self.chosen.remove(&k);
+            } else {
+                self.locked.remove(&k);
+            }
+        }
+        self.push(step);
+        true
     }
 
     /// The selector of the selected instances; `None` without a selection.
@@ -198,7 +279,7 @@ impl Editor {
         self.finish();
         let step = self.undo.pop()?;
         let (back, changed) = self.exchange(scene, step);
-        self.unsaved |= !back.parts.is_empty();
+        self.note(&back);
         self.redo.push(back);
         Some(changed)
     }
@@ -228,7 +309,7 @@ impl Editor {
         self.finish();
         let step = self.redo.pop()?;
         let (back, changed) = self.exchange(scene, step);
-        self.unsaved |= !back.parts.is_empty();
+        self.note(&back);
         self.undo.push(back);
         Some(changed)
     }
@@ -239,9 +320,10 @@ impl Editor {
         let outcome = apply(scene, edit)?;
         let parts = before.that_differ_from(scene);
         let changed = parts.changed(scene);
-        let step = self.here(parts);
+        let step = self.here(edit.name(), parts);
         if !outcome.removed.is_empty() {
             self.hidden = renumbered(&self.hidden, &outcome.removed);
+            self.locked = renumbered(&self.locked, &outcome.removed);
         }
         if !outcome.added.is_empty() {
             self.chosen = outcome.added.iter().copied().collect();
@@ -251,17 +333,25 @@ impl Editor {
         Ok((step, outcome, changed))
     }
 
-    /// A step that restores the present selection and hidden instances, and `parts` of the scene.
-    fn here(&self, parts: Parts) -> Step {
-        Step { parts, chosen: self.chosen.clone(), hidden: self.hidden.clone() }
+    /// A step that restores the present selection, hidden and locked instances, and `parts` of the scene.
+    fn here(&self, what: &'static str, parts: Parts) -> Step {
+        let (chosen, hidden, locked) = (self.chosen.clone(), self.hidden.clone(), self.locked.clone());
+        Step { what, parts, chosen, hidden, locked }
     }
 
     /// Appends an undo step and drops the redo history.
     fn push(&mut self, step: Step) {
-        self.unsaved |= !step.parts.is_empty();
+        self.note(&step);
         self.undo.push(step);
         self.redo.clear();
         self.forget_oldest(MOST_STEPS, MOST_BYTES);
+    }
+
+    /// Records that a step changed the scene, if it did.
+    fn note(&mut self, step: &Step) {
+        let changes = !step.parts.is_empty();
+        self.unsaved |= changes;
+        self.revision += u64::from(changes);
     }
 
     fn forget_oldest(&mut self, most_steps: usize, most_bytes: u64) {
@@ -287,6 +377,7 @@ impl Editor {
         step.parts.exchange(scene);
         std::mem::swap(&mut step.chosen, &mut self.chosen);
         std::mem::swap(&mut step.hidden, &mut self.hidden);
+        std::mem::swap(&mut step.locked, &mut self.locked);
         (step, changed)
     }
 }

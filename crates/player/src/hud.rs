@@ -1,220 +1,275 @@
-//! The overlay: frame times, counts, memory, and the settings that can be changed while the scene is shown.
+//! The overlay: the tool bar with the frame rate, and panels that are shown when asked for.
 
-use crate::swapchain::PresentMode;
-use instgs_vk::math::digits::grouped;
-use instgs_vk::render::{FrameStats, Show};
+mod bar;
+mod cameras;
+mod files;
+pub(super) mod ground;
+mod help;
+mod history;
+mod outliner;
+mod statistics;
+mod view;
 
+use egui::{Align2, Context, Ui};
+use glam::DVec3;
+
+use super::actions::{Action, Panel};
 use super::clock::FrameClock;
+use super::editor::Editor;
+use super::gizmo::GizmoMode;
+use super::hud_edit::{EditFacts, EditPanel};
 use super::navigation::Navigator;
 use super::scene_viewer::PixelTimes;
-use super::views;
+use super::texts;
+use crate::swapchain::PresentMode;
+use instgs_vk::render::{FrameStats, Show};
+use instgs_vk::scene::{Camera, InstancedScene};
 
-/// Keyboard and mouse bindings, for the help at the bottom.
-const KEYS: [(&str, &str); 20] = [
-    ("left drag", "orbit; with Shift or the middle button: pan"),
-    ("right drag", "look around"),
-    ("W A S D, E Q", "fly; up and down; Shift: five times as fast; [ ]: slower, faster"),
-    ("wheel", "zoom in or out at the pointer"),
-    ("double click", "orbit around that point"),
-    ("R, Page Up/Down", "back to the first view; step through the data set's cameras"),
-    ("C, V", "keep this camera; step through the kept cameras"),
-    ("1 to 9", "colour, coverage, depth, instances, templates, tile load, offsets, points, ellipses"),
-    ("click", "select an object; Shift: add or remove one; G: all of the same template"),
-    ("M T X N", "handles to move, rotate, scale; no handles; Esc: cancel the drag"),
-    ("arrows, Home End", "move it horizontally; up and down; Shift: a tenth as far"),
-    (", .  + -", "rotate it; larger, smaller"),
-    ("Ctrl+D, Delete", "duplicate it; delete it"),
-    ("Ctrl+H, Ctrl+Shift+H", "hide it (it stays in the scene); show and select everything hidden"),
-    ("Ctrl+Z, Ctrl+Y, Ctrl+S", "undo, redo, save"),
-    ("B", "boxes: click an object to draw one, drag dots to resize it; Shift+click or Delete removes it"),
-    ("F, O, Ctrl+S", "boxes: find all objects like the selected one; other sizes too; save boxes.json"),
-    ("P", "record a camera path; P again stops and saves it"),
-    ("F12", "save a screenshot as PNG"),
-    ("F11, H, Esc", "full screen; show or hide this overlay; quit"),
-];
+pub(super) use cameras::CameraPanel;
+pub(super) use files::FilePanel;
+use outliner::Outliner;
 
-/// Default of the frame-time limit once it is switched on, milliseconds: 60 frames per second.
-const USUAL_BUDGET_MS: f64 = 16.0;
+/// Space between panels and the window's edge, points.
+const GAP: f32 = 8.0;
+/// Height of the tool bar with the gaps around it, points.
+const BAR: f32 = 46.0;
+/// Height in points that a panel's title and margins take.
+const TITLE: f32 = 52.0;
+/// Room for the bar that scrolls a panel.
+const SCROLL_BAR: egui::Margin = egui::Margin { left: 0, right: 10, top: 0, bottom: 2 };
+/// Width of the panels' contents, points.
+pub(super) const WIDTH: f32 = 264.0;
 
 /// What the overlay displays.
 pub(super) struct Facts<'a> {
-    pub(super) scene: &'a str,
+    /// Name of the scene's file.
+    pub(super) title: &'a str,
     pub(super) device: &'a str,
     pub(super) size_px: [u32; 2],
     pub(super) clock: &'a FrameClock,
     pub(super) stats: &'a FrameStats,
     pub(super) pixel_times: PixelTimes,
-    /// Number of stored and of expanded Gaussians.
-    pub(super) gaussians: [u64; 2],
-    /// Memory in bytes, with the name of each kind.
-    pub(super) bytes: [(&'static str, u64); 7],
-    /// Indices of the selected instances. The field below is the number of instances.
-    pub(super) chosen: Vec<usize>,
-    pub(super) instances: usize,
-    /// Number of changes that can be undone and redone.
-    pub(super) steps: [usize; 2],
+    pub(super) scene: &'a InstancedScene,
+    pub(super) editor: &'a Editor,
+    /// Size of the scene's file; memory of the device in total, and for the scene; bytes.
+    pub(super) file_bytes: u64,
+    pub(super) device_bytes: [u64; 2],
     /// Current scale of the width and height of frames while the view changes.
     pub(super) scale: f64,
+    /// The up axis of the scene.
+    pub(super) up: DVec3,
+    /// World units per point of dragging a number.
+    pub(super) step: f64,
+    /// Displacement of a copy from its original, world units.
+    pub(super) beside: DVec3,
+    pub(super) mode: GizmoMode,
+    /// The file that the scene is saved to.
+    pub(super) file: &'a str,
+    /// The cameras that the user kept.
+    pub(super) kept: &'a [Camera],
+    /// Files that were opened lately, the last one first.
+    pub(super) recent: &'a [std::path::PathBuf],
+    /// Name and, where known, progress from 0 to 1 of the work that runs beside the picture.
+    pub(super) work: Option<(String, Option<f32>)>,
+    /// True while the tool for boxes is active.
+    pub(super) boxes: bool,
 }
 
-/// The settings that the overlay can change.
+/// The settings that the overlay changes itself.
 pub(super) struct Settings<'a> {
     pub(super) navigator: &'a mut Navigator,
     pub(super) show: &'a mut Show,
-    pub(super) mode: &'a mut PresentMode,
+    /// Colour behind all splats.
+    pub(super) background: &'a mut [f32; 3],
+    pub(super) present: &'a mut PresentMode,
     /// Device time in milliseconds that a frame may take while the view changes; `None` = no limit.
     pub(super) budget_ms: &'a mut Option<f64>,
     /// Screen-space error in pixels that levels of detail may make; 0 = full detail.
     pub(super) lod_error_px: &'a mut f32,
-    /// True if the tool for boxes is active.
-    pub(super) boxes: &'a mut bool,
+}
+
+/// The panels that are open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct OpenPanels {
+    pub(super) help: bool,
+    pub(super) scene: bool,
+    /// Shown only while something is selected, or if it was asked for without a selection.
+    pub(super) properties: bool,
+    pub(super) view: bool,
+    pub(super) cameras: bool,
+    pub(super) history: bool,
+    pub(super) statistics: bool,
+    pub(super) open: bool,
+    pub(super) save_as: bool,
+}
+
+impl Default for OpenPanels {
+    fn default() -> Self {
+        Self {
+            help: false,
+            scene: false,
+            properties: true,
+            view: false,
+            cameras: false,
+            history: false,
+            statistics: false,
+            open: false,
+            save_as: false,
+        }
+    }
+}
+
+impl OpenPanels {
+    /// Whether a panel is open.
+    pub(super) fn flag(&mut self, panel: Panel) -> &mut bool {
+        match panel {
+            Panel::Help => &mut self.help,
+            Panel::Scene => &mut self.scene,
+            Panel::Properties => &mut self.properties,
+            Panel::View => &mut self.view,
+            Panel::Cameras => &mut self.cameras,
+            Panel::History => &mut self.history,
+            Panel::Statistics => &mut self.statistics,
+            Panel::Open => &mut self.open,
+            Panel::SaveAs => &mut self.save_as,
+        }
+    }
+
+    /// Closes the panel that covers most of the picture, or a file panel; false if none of them is open.
+    pub(super) fn close_one(&mut self) -> bool {
+        let open = [Panel::Open, Panel::SaveAs, Panel::Help].into_iter().find(|&panel| *self.flag(panel));
+        open.is_some_and(|panel| std::mem::replace(self.flag(panel), false))
+    }
 }
 
 /// State of the overlay itself.
 #[derive(Default)]
 pub(super) struct Hud {
-    /// True if the panel is shown.
+    /// True if the tool bar and the panels are shown.
     pub(super) visible: bool,
     /// A notice that is shown until the next key: a file that was written, or an error.
     pub(super) message: Option<String>,
+    pub(super) panels: OpenPanels,
+    /// True if the ground grid is drawn; below, the axes.
+    pub(super) grid: bool,
+    pub(super) axes: bool,
+    pub(super) edit: EditPanel,
+    pub(super) files: FilePanel,
+    pub(super) cameras: CameraPanel,
+    outliner: Outliner,
 }
 
 impl Hud {
-    /// Lays out the overlay for one frame.
-    pub(super) fn lay_out(&self, ctx: &egui::Context, facts: Facts<'_>, settings: Settings<'_>) {
+    /// The overlay of a window that opens; without panels if it is not `visible`.
+    pub(super) fn new(visible: bool) -> Self {
+        Self { visible, axes: true, ..Self::default() }
+    }
+
+    /// Lays out the overlay for one frame and returns the user's actions.
+    pub(super) fn lay_out(&mut self, ctx: &Context, facts: &Facts<'_>, settings: Settings<'_>) -> Vec<Action> {
+        let mut actions = Vec::new();
         if let Some(message) = &self.message {
             // Each text gets its own id: egui would reuse the width of the previous text.
             let id = egui::Id::new(("message", message));
-            egui::Area::new(id).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -12.0]).show(ctx, |ui| {
+            egui::Area::new(id).anchor(Align2::CENTER_BOTTOM, [0.0, -12.0]).show(ctx, |ui| {
                 egui::Frame::popup(ui.style()).show(ui, |ui| ui.label(message));
             });
         }
+        if let Some((name, progress)) = &facts.work {
+            bar::work(ctx, name, *progress, &mut actions);
+        }
         if !self.visible {
-            return;
+            return actions;
         }
-        egui::Window::new(facts.scene).resizable(false).default_pos([8.0, 8.0]).show(ctx, |ui| {
-            rate(ui, &facts);
-            counts(ui, &facts);
-            chosen(ui, &facts);
-            set(ui, settings, facts.stats.slabs);
-            ui.collapsing("Passes", |ui| passes(ui, &facts));
-            ui.collapsing("Keys", keys);
+        bar::lay_out(ctx, facts, &mut self.panels, &mut actions);
+        let Self { panels, grid, axes, edit, files, cameras, outliner, .. } = self;
+        let here = |pivot: Align2| Place::of(ctx, pivot);
+        panel(ctx, texts::SCENE, here(Align2::LEFT_TOP), &mut panels.scene, |ui| {
+            outliner.lay_out(ui, facts, &mut actions);
         });
+        panel(ctx, texts::STATISTICS, here(Align2::LEFT_BOTTOM), &mut panels.statistics, |ui| {
+            statistics::lay_out(ui, facts);
+        });
+        panel(ctx, texts::HISTORY, here(Align2::CENTER_TOP), &mut panels.history, |ui| {
+            history::lay_out(ui, facts, &mut actions);
+        });
+        panel(ctx, texts::VIEW, here(Align2::RIGHT_BOTTOM), &mut panels.view, |ui| {
+            view::lay_out(ui, facts, settings, [grid, axes], &mut actions);
+        });
+        panel(ctx, texts::CAMERAS, here(Align2::CENTER_BOTTOM), &mut panels.cameras, |ui| {
+            cameras.lay_out(ui, facts, &mut actions);
+        });
+        panel(ctx, texts::HELP, here(Align2::CENTER_CENTER), &mut panels.help, help::lay_out);
+        files.lay_out(ctx, facts, panels, &mut actions);
+        let of_chosen = !facts.editor.chosen().is_empty() || edit.is_busy();
+        if panels.properties && of_chosen && !facts.boxes {
+            let facts = EditFacts {
+                scene: facts.scene,
+                editor: facts.editor,
+                up: facts.up,
+                step: facts.step,
+                beside: facts.beside,
+                mode: facts.mode,
+            };
+            let mut open = true;
+            panel(ctx, texts::PROPERTIES, here(Align2::RIGHT_TOP), &mut open, |ui| {
+                edit.lay_out(ui, &facts, &mut actions);
+            });
+            panels.properties = open;
+            edit.settle(ctx, &mut actions);
+        }
+        actions
     }
 }
 
-fn rate(ui: &mut egui::Ui, facts: &Facts<'_>) {
-    let [width, height] = facts.size_px;
-    ui.label(format!("{}, {width}x{height}", facts.device));
-    match facts.clock.rate() {
-        Some(rate) => {
-            let fps = 1e3 / rate.median_ms;
-            ui.label(format!("{fps:.1} FPS ({:.2} ms; slowest 1 %: {:.2} ms)", rate.median_ms, rate.slow_ms));
-        }
-        None => {
-            ui.label("idle");
-        }
+/// Where a panel is at first, and how high its contents may be.
+struct Place {
+    pivot: Align2,
+    at: egui::Pos2,
+    height: f32,
+}
+
+impl Place {
+    /// The place at an edge or corner of the window, below the tool bar.
+    fn of(ctx: &Context, pivot: Align2) -> Self {
+        let mut room = ctx.content_rect().shrink(GAP);
+        room.min.y += BAR - GAP;
+        Self { pivot, at: pivot.pos_in_rect(&room), height: (room.height() - TITLE).max(60.0) }
     }
-    if facts.scale < 1.0 {
-        ui.colored_label(
-            ui.visuals().warn_fg_color,
-            format!("while moving: {:.0} % of the pixels", 100.0 * facts.scale.powi(2)),
-        );
+}
+
+/// A panel that can be closed and moved; what does not fit the window's height is scrolled.
+fn panel(ctx: &Context, title: &str, place: Place, open: &mut bool, contents: impl FnOnce(&mut Ui)) {
+    egui::Window::new(title)
+        .open(open)
+        .pivot(place.pivot)
+        .default_pos(place.at)
+        .default_width(WIDTH)
+        .resizable(false)
+        .show(ctx, |ui| {
+            egui::ScrollArea::vertical().max_height(place.height).show(ui, |ui| {
+                // The bar that scrolls lies over the right edge.
+                egui::Frame::new().inner_margin(SCROLL_BAR).show(ui, contents);
+            });
+        });
+}
+
+/// A number of bytes as people read it, with powers of 1000 as file managers have it: "4.8 MB".
+pub(super) fn readable(bytes: u64) -> String {
+    const UNITS: [&str; 4] = ["kB", "MB", "GB", "TB"];
+    if bytes < 1000 {
+        return format!("{bytes} B");
     }
-    graph(ui, &facts.clock.times_ms().collect::<Vec<f64>>());
-}
-
-/// Draws the frame times as a line graph that starts at 0.
-fn graph(ui: &mut egui::Ui, times_ms: &[f64]) {
-    let (rect, _) = ui.allocate_exact_size([240.0, 36.0].into(), egui::Sense::hover());
-    let painter = ui.painter_at(rect);
-    painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
-    let most = times_ms.iter().copied().fold(1e-3, f64::max);
-    let place = |(k, ms): (usize, &f64)| {
-        let part = k as f32 / times_ms.len().max(2) as f32;
-        egui::pos2(rect.left() + part * rect.width(), rect.bottom() - (ms / most) as f32 * (rect.height() - 2.0))
-    };
-    let points: Vec<egui::Pos2> = times_ms.iter().enumerate().map(place).collect();
-    painter.line(points, egui::Stroke::new(1.0, ui.visuals().selection.bg_fill));
-}
-
-fn counts(ui: &mut egui::Ui, facts: &Facts<'_>) {
-    let stats = facts.stats;
-    egui::Grid::new("counts").num_columns(2).show(ui, |ui| {
-        let mut row = |name: &str, value: String| {
-            ui.label(name);
-            ui.label(value);
-            ui.end_row();
-        };
-        row("Gaussians stored", grouped(facts.gaussians[0]));
-        row("expanded", grouped(facts.gaussians[1]));
-        row("visible", grouped(stats.visible));
-        row("intersections", grouped(stats.intersections));
-        for (kind, bytes) in facts.bytes {
-            row(&format!("bytes: {kind}"), grouped(bytes));
-        }
-    });
-}
-
-fn chosen(ui: &mut egui::Ui, facts: &Facts<'_>) {
-    let what = match facts.chosen.as_slice() {
-        [] => "nothing selected".into(),
-        [one] => format!("instance {one} selected"),
-        several => format!("{} selected", several.len()),
-    };
-    let [undo, redo] = facts.steps;
-    ui.label(format!("{} instances, {what}; {undo} to undo, {redo} to redo", grouped(facts.instances as u64)));
-}
-
-fn set(ui: &mut egui::Ui, settings: Settings<'_>, slabs: u32) {
-    let Settings { navigator, show, mode, budget_ms, lod_error_px, boxes } = settings;
-    ui.checkbox(boxes, "boxes: mark an object, find the rest (B)");
-    let mut degrees = navigator.fov_y().to_degrees();
-    if ui.add(egui::Slider::new(&mut degrees, 5.0..=150.0).text("field of view")).changed() {
-        navigator.set_fov_y(degrees.to_radians());
+    let mut value = bytes as f64 / 1000.0;
+    let mut unit = 0;
+    // What would be shown as 1000 is 1 of the next unit.
+    while value >= 999.5 && unit + 1 < UNITS.len() {
+        value /= 1000.0;
+        unit += 1;
     }
-    let words = |px: f64, _| if px > 0.0 { format!("{px:.1} px") } else { "off".into() };
-    let slider = egui::Slider::new(lod_error_px, 0.0..=8.0).step_by(0.5).custom_formatter(words);
-    ui.add(slider.text("level-of-detail error"));
-    views::choose(ui, show, navigator.distance(), slabs);
-    let mut limited = budget_ms.is_some();
-    ui.horizontal(|ui| {
-        ui.checkbox(&mut limited, "lower resolution in motion above");
-        let mut ms = budget_ms.unwrap_or(USUAL_BUDGET_MS);
-        ui.add_enabled(limited, egui::DragValue::new(&mut ms).range(1.0..=1000.0).suffix(" ms"));
-        *budget_ms = limited.then_some(ms);
-    });
-    ui.horizontal(|ui| {
-        for value in PresentMode::ALL {
-            ui.selectable_value(mode, value, value.name());
-        }
-    });
+    let decimals = usize::from(value < 99.95);
+    format!("{value:.decimals$} {}", UNITS[unit])
 }
 
-fn passes(ui: &mut egui::Ui, facts: &Facts<'_>) {
-    let sums = facts.stats.ms_by_pass();
-    let all: f64 = sums.iter().map(|(_, ms)| ms).sum();
-    egui::Grid::new("passes").num_columns(2).striped(true).show(ui, |ui| {
-        let mut row = |name: &str, ms: f64| {
-            ui.label(name);
-            ui.label(format!("{ms:.3} ms"));
-            ui.end_row();
-        };
-        sums.iter().for_each(|&(name, ms)| row(name, ms));
-        row("all scene passes", all);
-        let PixelTimes { present_ms, ui_ms } = facts.pixel_times;
-        for (name, ms) in [("present", present_ms), ("interface", ui_ms)] {
-            ms.into_iter().for_each(|ms| row(name, ms));
-        }
-    });
-}
-
-fn keys(ui: &mut egui::Ui) {
-    egui::Grid::new("keys").num_columns(2).show(ui, |ui| {
-        for (key, what) in KEYS {
-            ui.strong(key);
-            ui.label(what);
-            ui.end_row();
-        }
-    });
-}
+#[cfg(test)]
+mod tests;

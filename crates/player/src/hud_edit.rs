@@ -4,18 +4,20 @@
 //! Edits by a widget while it is held or typed into are one change: each `Live` edit replaces the previous one until
 //! `Finish`.
 
+mod arrange;
 mod place;
 mod scatter;
 mod template;
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
-use egui::{Align2, Button, Context, Id, Ui};
+use egui::{Button, Context, Id, Ui};
 use glam::DVec3;
 
+use super::actions::Action;
 use super::editor::Editor;
 use super::gizmo::GizmoMode;
+use super::texts;
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{Edit, Selector};
 
@@ -26,9 +28,7 @@ use scatter::ScatterFields;
 use template::{CropFields, Shift};
 
 /// Width of the panel, points.
-const WIDTH: f32 = 240.0;
-/// Height in points that the panel's title and margins take of the window.
-const MARGINS: f32 = 60.0;
+const WIDTH: f32 = 264.0;
 
 /// What the panel displays.
 pub(super) struct EditFacts<'a> {
@@ -41,26 +41,6 @@ pub(super) struct EditFacts<'a> {
     /// Displacement of a copy from its original, world units.
     pub(super) beside: DVec3,
     pub(super) mode: GizmoMode,
-    /// The file that the scene is saved to.
-    pub(super) file: String,
-}
-
-/// An action that the user asked for in the panel.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Action {
-    Edit(Edit),
-    Live(Edit),
-    Finish,
-    Cancel,
-    Undo,
-    Redo,
-    Hide,
-    ShowAll,
-    ChooseAlike,
-    ChooseGroup,
-    Mode(GizmoMode),
-    /// Writes a file, in the format that its extension names.
-    Write(PathBuf),
 }
 
 /// The brush that erases Gaussians of a template.
@@ -86,50 +66,75 @@ pub(super) struct EditPanel {
     scatter: ScatterFields,
     crop: Option<CropFields>,
     pub(super) brush: Brush,
-    file: String,
 }
 
 impl EditPanel {
-    /// Lays out the panel and returns the user's actions.
-    pub(super) fn lay_out(&mut self, ctx: &Context, facts: &EditFacts<'_>) -> Vec<Action> {
+    /// Lays out the panel and appends the user's actions.
+    pub(super) fn lay_out(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
         self.follow(facts);
-        let mut actions = Vec::new();
-        let corner = ctx.content_rect().right_top() + egui::vec2(-8.0, 8.0);
-        egui::Window::new("Edit")
-            .pivot(Align2::RIGHT_TOP)
-            .default_pos(corner)
-            .default_width(WIDTH)
-            .resizable(false)
-            .show(ctx, |ui| {
-                let height = (ctx.content_rect().height() - MARGINS).max(WIDTH / 2.0);
-                let contents = egui::ScrollArea::vertical().max_height(height);
-                contents.show(ui, |ui| self.contents(ui, facts, &mut actions));
-            });
-        self.settle(ctx, &mut actions);
-        actions
+        ui.set_min_width(WIDTH);
+        self.contents(ui, facts, actions);
+    }
+
+    /// True while a change waits for a button of the panel.
+    pub(super) fn is_busy(&self) -> bool {
+        self.live.is_some() || self.scatter.draws
+    }
+
+    /// Takes a point of the scene for scattering along a path or in a polygon; false if no points are drawn.
+    pub(super) fn add_point(&mut self, point: DVec3) -> bool {
+        if self.scatter.draws {
+            self.scatter.points.push(point);
+        }
+        self.scatter.draws
+    }
+
+    /// Removes the last drawn point; false if no points are drawn.
+    pub(super) fn remove_point(&mut self) -> bool {
+        if self.scatter.draws {
+            self.scatter.points.pop();
+        }
+        self.scatter.draws
+    }
+
+    /// Ends the drawing of points; false if none are drawn.
+    pub(super) fn stop_points(&mut self) -> bool {
+        std::mem::take(&mut self.scatter.draws)
+    }
+
+    /// True while clicks draw points.
+    pub(super) fn draws_points(&self) -> bool {
+        self.scatter.draws
+    }
+
+    /// The drawn points, world units, and whether the last is joined to the first.
+    pub(super) fn drawn_points(&self) -> (&[DVec3], bool) {
+        self.scatter.outline()
     }
 
     /// Resets the fields whose selection or undo step is no longer the present one.
     fn follow(&mut self, facts: &EditFacts<'_>) {
         let steps = facts.editor.steps()[0];
-        if *facts.editor.chosen() != self.chosen || steps < self.steps {
-            let (brush, file) = (self.brush, std::mem::take(&mut self.file));
-            *self = Self { chosen: facts.editor.chosen().clone(), brush, file, ..Self::default() };
+        // Scattering selects what it adds, and goes on with the object it began with.
+        let previews = self.scatter.preview && facts.editor.is_live();
+        if !previews && (*facts.editor.chosen() != self.chosen || steps < self.steps) {
+            let brush = self.brush;
+            *self = Self { chosen: facts.editor.chosen().clone(), brush, ..Self::default() };
             self.scatter = ScatterFields::beside(facts);
         }
         self.steps = steps;
         if !facts.editor.is_live() && self.live.take().is_some() {
             // A key or a click ended the crop.
             self.crop = None;
+            self.scatter.preview = false;
             self.relative = Relative::default();
         }
     }
 
     fn contents(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
-        history(ui, facts, actions);
         match facts.editor.chosen().iter().copied().collect::<Vec<usize>>().as_slice() {
             [] => {
-                ui.label("Click an object to select it; Shift+click adds or removes one.");
+                ui.label(texts::NOTHING_SELECTED);
             }
             [one] => {
                 name(ui, facts, *one);
@@ -142,52 +147,41 @@ impl EditPanel {
                 self.place_of_several(ui, facts, actions);
             }
         }
-        if let Some(&first) = facts.editor.chosen().first() {
-            ui.collapsing("Colour and template", |ui| self.recolour_and_swap(ui, facts, first, actions));
-            ui.collapsing("Scatter copies", |ui| self.scatter_copies(ui, facts, first, actions));
-            ui.collapsing("Crop and erase in the template", |ui| self.crop_and_brush(ui, facts, first, actions));
-        }
-        ui.separator();
-        self.files(ui, facts, actions);
+        let Some(&first) = facts.editor.chosen().first() else { return };
+        ui.collapsing(texts::COLOUR, |ui| self.recolour(ui, facts, first, actions));
+        ui.collapsing(texts::TEMPLATE, |ui| arrange::own_and_template(ui, facts, first, actions));
+        ui.collapsing(texts::ARRANGE, |ui| arrange::arrange(ui, facts, actions));
+        ui.collapsing(texts::SCATTER, |ui| self.scatter_copies(ui, facts, first, actions));
+        ui.collapsing(texts::EDIT_TEMPLATE, |ui| self.crop_and_brush(ui, facts, first, actions));
     }
 
     /// The buttons that act on the selection.
     fn of_chosen(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
         let Some(which) = facts.editor.selector() else { return };
         ui.horizontal(|ui| {
-            if ui.button("copy").clicked() {
+            if ui.button(texts::DUPLICATE).clicked() {
                 actions.push(Action::Edit(Edit::Duplicate { which: which.clone(), by: facts.beside, turn: None }));
             }
-            if ui.button("delete").clicked() {
+            if ui.button(texts::DELETE).clicked() {
                 actions.push(Action::Edit(Edit::Delete { which }));
             }
-            pushes(ui, true, "hide", Action::Hide, actions);
-            pushes(ui, true, "same template", Action::ChooseAlike, actions);
-            pushes(ui, true, "same group", Action::ChooseGroup, actions);
+            pushes(ui, true, texts::HIDE, Action::Hide, actions);
         });
         ui.horizontal(|ui| {
-            ui.label("handles");
+            pushes(ui, true, texts::SAME_TEMPLATE, Action::ChooseAlike, actions);
+            pushes(ui, true, texts::SAME_GROUP, Action::ChooseGroup, actions);
+        });
+        ui.horizontal(|ui| {
+            ui.label(texts::HANDLES);
             for (label, mode) in [
-                ("move", GizmoMode::Move),
-                ("turn", GizmoMode::Turn),
-                ("scale", GizmoMode::Scale),
-                ("none", GizmoMode::Off),
+                (texts::MOVE, GizmoMode::Move),
+                (texts::ROTATE, GizmoMode::Turn),
+                (texts::SCALE, GizmoMode::Scale),
+                (texts::NONE, GizmoMode::Off),
             ] {
                 if ui.selectable_label(facts.mode == mode, label).clicked() {
                     actions.push(Action::Mode(mode));
                 }
-            }
-        });
-    }
-
-    fn files(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
-        if self.file.is_empty() {
-            self.file.clone_from(&facts.file);
-        }
-        ui.horizontal(|ui| {
-            ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(180.0));
-            if ui.button("write").on_hover_text(".instgs saves; .glb, .ply, .spz and .sog export").clicked() {
-                actions.push(Action::Write(PathBuf::from(self.file.trim())));
             }
         });
     }
@@ -201,10 +195,10 @@ impl EditPanel {
         actions.push(Action::Live(edit));
     }
 
-    /// Completes the change in progress once nothing is held or typed into. A crop stays in progress until it is
-    /// applied or cancelled.
-    fn settle(&mut self, ctx: &Context, actions: &mut Vec<Action>) {
-        let cropping = self.crop.as_ref().is_some_and(|crop| self.live == Some(crop.id));
+    /// Completes the change in progress once nothing is held or typed into. A crop and a preview stay in progress until
+    /// they are applied or cancelled.
+    pub(super) fn settle(&mut self, ctx: &Context, actions: &mut Vec<Action>) {
+        let cropping = self.scatter.preview || self.crop.as_ref().is_some_and(|crop| self.live == Some(crop.id));
         let held = ctx.input(|input| input.pointer.any_down()) || ctx.memory(|memory| memory.focused().is_some());
         if self.live.is_some() && !cropping && !held {
             actions.push(Action::Finish);
@@ -220,17 +214,6 @@ fn pushes(ui: &mut Ui, enabled: bool, label: &str, action: Action, actions: &mut
     if ui.add_enabled(enabled, Button::new(label)).clicked() {
         actions.push(action);
     }
-}
-
-/// Buttons for undo, redo and showing hidden instances.
-fn history(ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
-    let [undo, redo] = facts.editor.steps();
-    let hidden = facts.editor.hidden().len();
-    ui.horizontal(|ui| {
-        pushes(ui, undo > 0 || facts.editor.is_live(), "undo", Action::Undo, actions);
-        pushes(ui, redo > 0, "redo", Action::Redo, actions);
-        pushes(ui, hidden > 0, &format!("show all ({hidden} hidden)"), Action::ShowAll, actions);
-    });
 }
 
 /// Names the instance, its template and its group.

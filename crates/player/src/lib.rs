@@ -12,8 +12,9 @@
 //!   boxes.rs            the list of boxes, its undo history        (pure)
 //!   box_handles.rs      the handles and edges of a box             (pure)
 //!   search.rs           the search for similar objects, on a thread of its own
-//!   hud.rs              the overlay                                (egui); hud_gizmo.rs handles, hud_edit.rs and
-//!                       hud_boxes.rs panels
+//!   window/work.rs      work beside the picture: files, frames, videos; recent.rs recent files
+//!   hud.rs              tool bar and panels (egui), a file each in hud/; hud_edit.rs and hud_boxes.rs the panels of the
+//!                       selection and of boxes, hud_gizmo.rs handles; texts.rs their texts, actions.rs what they ask for
 //!   views.rs            the views: colours, depth, instances ...   (egui)
 //!   resolution.rs       lower resolution while the view changes    (pure)
 //!   recording.rs        a recorded camera path                     (pure)
@@ -26,6 +27,7 @@
 //! A frame goes from the blend pass to the screen without a copy on the host: kernel `present` packs it into pixels in
 //! the window's format, which are copied into one of the swapchain's images.
 
+mod actions;
 pub mod box_handles;
 pub mod boxes;
 pub mod clock;
@@ -40,6 +42,7 @@ mod hud_edit;
 mod hud_gizmo;
 pub mod navigation;
 pub mod program;
+mod recent;
 pub mod recording;
 pub mod resolution;
 pub mod scene_viewer;
@@ -49,6 +52,7 @@ mod steps;
 pub mod swapchain;
 #[cfg(test)]
 mod test_screen;
+mod texts;
 pub mod ui_painter;
 pub mod views;
 pub mod window;

@@ -426,6 +426,12 @@ impl SceneViewer {
         done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
     }
 
+    /// Hides or shows instances, in the editor and on the device; false if they are so already.
+    pub fn set_hidden(&mut self, instances: &[usize], hidden: bool) -> Result<bool, PlayerError> {
+        let done = self.editor.set_hidden(instances, hidden);
+        done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
+    }
+
     /// Applies an edit to the scene and the device.
     ///
     /// # Errors

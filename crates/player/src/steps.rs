@@ -42,14 +42,19 @@ pub(super) struct Parts {
     template_sh: Option<Vec<[f32; 3]>>,
     /// The whole source pool with its colours: present only if Gaussians were removed from it.
     templates: Option<(Gaussians, Vec<SourceRange>)>,
+    /// Present only if Gaussians were given to an instance or taken back.
+    background: Option<Gaussians>,
     foreign_tensors: Option<BTreeMap<String, ForeignTensor>>,
 }
 
-/// One undo step: the scene's parts, the selection and the hidden instances before a change.
+/// One undo step: the scene's parts, the selection, and the hidden and locked instances before a change.
 pub(super) struct Step {
+    /// Name of the change.
+    pub(super) what: &'static str,
     pub(super) parts: Parts,
     pub(super) chosen: BTreeSet<usize>,
     pub(super) hidden: BTreeSet<usize>,
+    pub(super) locked: BTreeSet<usize>,
 }
 
 impl Parts {
@@ -69,7 +74,13 @@ impl Parts {
             Edit::MoveBy { .. } | Edit::MoveTo { .. } | Edit::Rotate { .. } | Edit::Scale { .. } => places,
             Edit::Duplicate { .. } | Edit::Delete { .. } | Edit::Swap { .. } | Edit::Scatter(_) => lists(places),
             Edit::Recolour { .. } => Self { template_sh: Some(scene.templates.sh.clone()), ..lists(places) },
-            Edit::Crop { .. } | Edit::Erase { .. } => {
+            Edit::Align { .. } | Edit::Distribute { .. } => places,
+            Edit::Reset { .. } | Edit::Relight { .. } => lists(places),
+            Edit::Rename { .. } => Self { groups: Some(scene.groups.clone()), ..Self::default() },
+            Edit::Give { .. } | Edit::Take { .. } => {
+                Self { background: Some(scene.background.clone()), ..lists(places) }
+            }
+            Edit::Crop { .. } | Edit::Erase { .. } | Edit::Mirror { .. } | Edit::MakeUnique { .. } => {
                 Self { templates: Some((scene.templates.clone(), scene.template_ranges.clone())), ..lists(places) }
             }
         }
@@ -85,6 +96,7 @@ impl Parts {
             color_from_template: self.color_from_template.filter(|was| *was != scene.color_from_template),
             template_sh: self.template_sh.filter(|was| *was != scene.templates.sh),
             templates: self.templates.filter(|was| was.0 != scene.templates || was.1 != scene.template_ranges),
+            background: self.background.filter(|was| *was != scene.background),
             foreign_tensors: self.foreign_tensors.filter(|was| *was != scene.foreign_tensors),
         }
     }
@@ -96,10 +108,20 @@ impl Parts {
 
     /// True if no part of the scene is stored.
     pub(super) fn is_empty(&self) -> bool {
-        let Self { instances, groups, offsets, own, color_from_template, template_sh, templates, foreign_tensors } =
-            self;
+        let Self {
+            instances,
+            groups,
+            offsets,
+            own,
+            color_from_template,
+            template_sh,
+            templates,
+            background,
+            foreign_tensors,
+        } = self;
         let lists = groups.is_none() && offsets.is_none() && color_from_template.is_none() && foreign_tensors.is_none();
-        lists && instances.is_none() && own.is_none() && template_sh.is_none() && templates.is_none()
+        let clouds = own.is_none() && template_sh.is_none() && templates.is_none() && background.is_none();
+        lists && clouds && instances.is_none()
     }
 
     /// Memory of the parts in bytes, without names.
@@ -113,7 +135,8 @@ impl Parts {
         let templates = self.templates.as_ref().map_or(0, |(templates, _)| templates.tensor_bytes());
         let foreign = self.foreign_tensors.as_ref();
         let foreign = foreign.map_or(0, |all| all.values().map(|tensor| tensor.bytes.len() as u64).sum());
-        instances + offsets + own + colors + sh + templates + foreign
+        let background = self.background.as_ref().map_or(0, Gaussians::tensor_bytes);
+        instances + offsets + own + colors + sh + templates + background + foreign
     }
 
     /// What must be uploaded when the scene's parts and these are swapped.
@@ -122,7 +145,8 @@ impl Parts {
             || self.own.is_some()
             || self.color_from_template.is_some()
             || self.template_sh.is_some()
-            || self.templates.is_some();
+            || self.templates.is_some()
+            || self.background.is_some();
         let none = Vec::new();
         let (was, is) = match &self.instances {
             Some(instances) => (instances, &scene.instances),
@@ -151,6 +175,7 @@ impl Parts {
             std::mem::swap(templates, &mut scene.templates);
             std::mem::swap(ranges, &mut scene.template_ranges);
         }
+        swap(&mut self.background, &mut scene.background);
         swap(&mut self.foreign_tensors, &mut scene.foreign_tensors);
     }
 }

@@ -17,8 +17,9 @@ use instgs_vk::scene::{Boxes, Camera, InstancedScene, PixelFilterChoice};
 
 use super::error::PlayerError;
 use super::headless::Timings;
-use super::hud::{Facts, Hud, Settings};
+use super::hud::{Facts, Hud, Settings, ground};
 use super::hud_gizmo::{paint_brush, paint_gizmo};
+use super::recent::Recent;
 use super::resolution::Resolution;
 use super::scene_viewer::ViewerOptions;
 use super::script::Step;
@@ -32,6 +33,7 @@ mod leaving;
 mod opening;
 mod parts;
 mod playing;
+mod work;
 
 use parts::{CameraState, Interaction, Pacing, Playback, Screen, Session};
 
@@ -39,6 +41,8 @@ use parts::{CameraState, Interaction, Pacing, Playback, Screen, Session};
 const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
 /// A still view is redrawn at full resolution after this delay.
 const REFINE_AFTER: Duration = Duration::from_millis(150);
+/// Work on threads is looked at so often.
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// A device that is lost again within this time is not reopened.
 const LOST_FOR_GOOD: Duration = Duration::from_secs(10);
 
@@ -125,6 +129,9 @@ struct Live {
     input: Interaction,
     pacing: Pacing,
     playback: Playback,
+    /// The work that runs beside the picture.
+    work: Option<work::Work>,
+    recent: Recent,
 }
 
 impl ApplicationHandler for Player {
@@ -200,7 +207,12 @@ impl Player {
         if let Ok(report) = &mut self.outcome {
             report.timings.begin();
         }
-        let shown = live.picture(self.job.frames.is_some() || !live.playback.script.is_empty())?;
+        let works = live.go_on_working()?;
+        if live.work.is_some() || live.hud.files.waits() {
+            // Looks at it again soon.
+            live.screen.ui.egui_ctx().request_repaint_after(LOOK_AGAIN);
+        }
+        let shown = live.picture(works || self.job.frames.is_some() || !live.playback.script.is_empty(), &self.job)?;
         let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
         if let (true, Ok(report)) = (shown, &mut self.outcome) {
             report.timings.submitted(live.session.viewer.in_flight());
@@ -244,6 +256,7 @@ impl Player {
 
     fn closing(&mut self) -> Result<(), PlayerError> {
         let (Some(live), Ok(report)) = (&mut self.live, &mut self.outcome) else { return Ok(()) };
+        live.wait_for_writing();
         report.device = live.session.gpu.caps().name.clone();
         report.size_px = live.screen.swapchain.size_px();
         live.session.viewer.settle()?;
@@ -261,7 +274,7 @@ impl Player {
 impl Live {
     /// Draws and presents a frame; false if there is no image to draw to. `goes_on` means that another frame follows at
     /// once.
-    fn picture(&mut self, goes_on: bool) -> Result<bool, PlayerError> {
+    fn picture(&mut self, goes_on: bool, job: &WindowJob) -> Result<bool, PlayerError> {
         let start = Instant::now();
         let Some(target) = self.acquire()? else { return Ok(false) };
         let since = self.pacing.seconds_since_last(start);
@@ -269,7 +282,7 @@ impl Live {
         self.camera.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
         self.follow_grip()?;
         self.take_found();
-        let (frame, animated) = self.lay_out()?;
+        let (frame, animated) = self.lay_out(job)?;
         self.screen.painter.prepare(&frame)?;
         // A still view is drawn at full resolution, and so is the frame after REFINE_AFTER without motion.
         let rests = self.pacing.take_refine(start);
@@ -332,61 +345,69 @@ impl Live {
     }
 
     /// Lays out the overlay of the next frame; the flag is true while it is animated.
-    fn lay_out(&mut self) -> Result<(UiFrame, bool), PlayerError> {
+    fn lay_out(&mut self, job: &WindowJob) -> Result<(UiFrame, bool), PlayerError> {
         let input = self.screen.ui.take_egui_input(&self.screen.window);
-        let mut mode = self.screen.swapchain.mode();
-        let scene = self.session.viewer.scene();
-        let gaussians = [scene.source_len() as u64, scene.expanded_len()];
-        let bytes = [
-            ("file", self.session.file_bytes),
-            ("device in total", self.session.gpu.memory_usage().0),
-            ("device, scene", self.session.viewer.device_bytes()),
-            ("scene templates", scene.templates.tensor_bytes()),
-            ("scene offsets", scene.offsets.tensor_bytes()),
-            ("scene instances' own", scene.own.tensor_bytes()),
-            ("scene background", scene.background.tensor_bytes()),
-        ];
+        let mut present = self.screen.swapchain.mode();
         let ctx = self.screen.ui.egui_ctx().clone();
         let (gizmo, hot, brush_px) = (self.gizmo(), self.input.editing.hot(), self.brush_px());
-        let (mut actions, mut box_actions, mut boxes) = (Vec::new(), Vec::new(), self.input.boxing.on);
+        let (camera, home) = (self.handle_camera(), self.camera.home.target());
+        let (distance, [_, _, up]) = (self.camera.navigator.distance(), self.camera.navigator.level_axes());
+        let file = self.session.save_path().display().to_string();
+        let (step, beside, work) = (self.number_step(), self.beside(), self.work_shown());
+        let (mut actions, mut box_actions) = (Vec::new(), Vec::new());
         let output = ctx.run(input, |ctx| {
+            // Show and render options change while the scene is read.
+            let mut options = self.session.viewer.options;
             let facts = Facts {
-                scene: &self.session.title,
+                title: &self.session.title,
                 device: &self.session.gpu.caps().name,
                 size_px: self.screen.swapchain.size_px(),
                 clock: &self.pacing.clock,
                 stats: &self.pacing.stats,
                 pixel_times: self.pacing.pixel_times,
-                gaussians,
-                bytes,
-                chosen: self.session.viewer.editor().chosen().iter().copied().collect(),
-                instances: self.session.viewer.scene().instances.len(),
-                steps: self.session.viewer.editor().steps(),
+                scene: self.session.viewer.scene(),
+                editor: self.session.viewer.editor(),
+                file_bytes: self.session.file_bytes,
+                device_bytes: [self.session.gpu.memory_usage().0, self.session.viewer.device_bytes()],
                 scale: self.pacing.resolution.scale(),
+                up,
+                step,
+                beside,
+                mode: self.input.editing.mode,
+                file: &file,
+                kept: &self.camera.kept.list,
+                recent: self.recent.files(),
+                work: work.clone(),
+                boxes: self.input.boxing.on,
             };
             let settings = Settings {
                 navigator: &mut self.camera.navigator,
-                show: &mut self.session.viewer.options.show,
-                mode: &mut mode,
+                show: &mut options.show,
+                background: &mut options.render.background,
+                present: &mut present,
                 budget_ms: &mut self.pacing.resolution.budget_ms,
-                lod_error_px: &mut self.session.viewer.options.render.lod_error_px,
-                boxes: &mut boxes,
+                lod_error_px: &mut options.render.lod_error_px,
             };
-            self.hud.lay_out(ctx, facts, settings);
+            if self.hud.visible && self.hud.grid {
+                ground::grid(ctx, &camera, home, up, distance);
+            }
+            if self.hud.visible && self.hud.axes {
+                ground::axes(ctx, &camera);
+            }
+            let (points, closed) = self.hud.edit.drawn_points();
+            ground::outline(ctx, &camera, points, closed);
+            actions.extend(self.hud.lay_out(ctx, &facts, settings));
+            self.session.viewer.options = options;
             paint_gizmo(ctx, gizmo.as_ref(), hot);
             paint_brush(ctx, brush_px);
-            actions.extend(self.lay_out_panel(ctx));
             box_actions.extend(self.lay_out_boxes(ctx));
         });
-        let acts = !(actions.is_empty() && box_actions.is_empty()) || boxes != self.input.boxing.on;
-        if boxes != self.input.boxing.on {
-            self.toggle_boxes()?;
-        }
-        self.act(actions)?;
+        let acts = !(actions.is_empty() && box_actions.is_empty());
+        self.act(actions, job)?;
         self.act_on_boxes(box_actions)?;
-        if mode != self.screen.swapchain.mode() {
+        if present != self.screen.swapchain.mode() {
             // The acquired image belongs to the old mode: the next frame uses the new one.
-            self.screen.next_mode = Some(mode);
+            self.screen.next_mode = Some(present);
         }
         self.screen.ui.handle_platform_output(&self.screen.window, output.platform_output);
         let primitives = ctx.tessellate(output.shapes, output.pixels_per_point);

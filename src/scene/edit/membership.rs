@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use crate::scene::edit::placement::{mapped_about, moved, rotation_of, template_centres};
 use crate::scene::edit::{EditOutcome, EditReason, Selector, Turn, checked, existing_template, offset_runs, own};
-use crate::scene::instanced_scene::{Instance, InstancedScene, SAME_COLOR, SourceRange};
+use crate::scene::instanced_scene::{Group, Instance, InstancedScene, SAME_COLOR, SourceRange};
 use crate::scene::labels::{free_id, insert_id, remove_id};
 
 /// Upper limit on instances of a scene after an edit: their indices have 32 bits in files and on the device.
@@ -145,13 +145,54 @@ fn rank_of(scene: &InstancedScene, k: usize) -> usize {
     scene.instances[..k].iter().filter(|i| i.template == template).count()
 }
 
+/// The name of an instance's group.
+pub(super) fn kept_label(scene: &InstancedScene, k: usize) -> Option<String> {
+    let group = scene.instance_labels()[k].group?;
+    scene.groups[group].name.clone()
+}
+
+/// Gives instance `k` another template with its mask id; offsets and own Gaussians are the caller's. A template without a group
+/// gets one of this name.
+pub(super) fn take_template(scene: &mut InstancedScene, k: usize, template: u32, name: Option<&str>) {
+    let rank = rank_of(scene, k);
+    let id = remove_id(&mut scene.groups, scene.instances[k].template, rank);
+    scene.instances[k].template = template;
+    let has_group = scene.groups.iter().any(|group| group.template_id == template);
+    if let Some(name) = name.filter(|_| !has_group) {
+        scene.groups.push(Group { template_id: template, name: Some(name.to_owned()), instance_ids: Vec::new() });
+    }
+    let rank = rank_of(scene, k);
+    if let Some(id) = free_id(&scene.groups, id) {
+        insert_id(&mut scene.groups, template, rank, id);
+    }
+}
+
+/// Names the group of a template, which gets one if it has none.
+pub(super) fn rename(scene: &mut InstancedScene, template: u32, name: &str) -> Result<EditOutcome, EditReason> {
+    existing_template(scene, template)?;
+    let name = name.trim();
+    if name.is_empty() || name.chars().any(char::is_control) {
+        return Err(EditReason::value(format!("{name:?} is not a name: want letters, digits or signs")));
+    }
+    let mut named = false;
+    for group in scene.groups.iter_mut().filter(|group| group.template_id == template) {
+        group.name = Some(name.to_owned());
+        named = true;
+    }
+    if !named {
+        scene.groups.push(Group { template_id: template, name: Some(name.to_owned()), instance_ids: Vec::new() });
+    }
+    let changed = (0..scene.instances.len()).filter(|&k| scene.instances[k].template == template).collect();
+    Ok(EditOutcome { changed, ..EditOutcome::default() })
+}
+
 /// First record and length of an instance's run of offsets.
-fn run_of(scene: &InstancedScene, instance: &Instance) -> Option<(u32, u32)> {
+pub(super) fn run_of(scene: &InstancedScene, instance: &Instance) -> Option<(u32, u32)> {
     Some((instance.first_offset?, scene.template_ranges[instance.template as usize].count))
 }
 
 /// Removes freed runs of offsets, and own Gaussians, that no instance uses any more.
-fn release(scene: &mut InstancedScene, freed: &[(u32, u32)], outcome: &mut EditOutcome) {
+pub(super) fn release(scene: &mut InstancedScene, freed: &[(u32, u32)], outcome: &mut EditOutcome) {
     let before = scene.offsets.len();
     offset_runs::release(scene, freed);
     if scene.offsets.len() != before {

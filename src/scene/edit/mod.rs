@@ -10,21 +10,27 @@
 //! has of its own. Mask ids in `groups` follow the
 //! instances; a new instance of a template with a group gets the next free id.
 
+mod arrange;
+mod given;
 mod membership;
 mod offset_runs;
 mod own;
 mod placement;
 mod recolour;
+mod relight;
 mod scatter;
 mod select;
 mod thin;
+mod unique;
 
 use glam::DVec3;
 
+pub use arrange::AlignTo;
 pub use placement::{instance_centres, template_centres};
 pub use scatter::{Footprint, OffsetSource, Scatter, ScatterOver, footprint};
 pub use select::{ParseSelectorError, Selector};
 pub use thin::Keep;
+pub use unique::Extra;
 
 use crate::math::similarity::{Similarity, SimilarityError};
 use crate::scene::instanced_scene::InstancedScene;
@@ -121,6 +127,67 @@ pub enum Edit {
         centres: Vec<DVec3>,
         /// Radius of the balls, greater than 0, template units.
         radius: f64,
+    },
+    /// Moves instances along an axis until they have the same coordinate on it.
+    Align {
+        /// The instances to move, two or more.
+        which: Selector,
+        /// The axis, world frame, of any length but zero.
+        axis: DVec3,
+        /// The coordinate that they get.
+        to: AlignTo,
+    },
+    /// Moves instances along an axis until their centres are at equal distances; the outermost two stay.
+    Distribute {
+        /// The instances to move, three or more.
+        which: Selector,
+        /// The axis, world frame, of any length but zero.
+        axis: DVec3,
+    },
+    /// Mirrors instances across a plane. Their templates get mirrored twins; offsets and own Gaussians are mirrored, too.
+    Mirror {
+        /// The instances to mirror.
+        which: Selector,
+        /// Normal of the plane, world frame, of any length but zero.
+        normal: DVec3,
+        /// A point of the plane, world units; `None` for the mean of the instances' centres.
+        point: Option<DVec3>,
+    },
+    /// Makes each instance the only one of a new template that has its offsets, colours and own Gaussians built in.
+    MakeUnique {
+        /// The instances.
+        which: Selector,
+    },
+    /// Removes what sets instances apart from their template.
+    Reset {
+        /// The instances.
+        which: Selector,
+        /// What is removed.
+        what: Extra,
+    },
+    /// Gives an instance the Gaussians of the background inside its template's box as its own.
+    Give {
+        /// The instance; it must be a single one.
+        which: Selector,
+        /// What the box is grown by on every side, relative to its size; above -0.5.
+        margin: f64,
+    },
+    /// Returns the own Gaussians of instances to the background.
+    Take {
+        /// The instances.
+        which: Selector,
+    },
+    /// Gives instances the colour matrix of their neighbours of the same template.
+    Relight {
+        /// The instances.
+        which: Selector,
+    },
+    /// Names the group of a template.
+    Rename {
+        /// Index of the template.
+        template: u32,
+        /// The new name, not empty.
+        name: String,
     },
 }
 
@@ -258,6 +325,15 @@ impl Edit {
             Self::Scatter(_) => "scatter",
             Self::Crop { .. } => "crop",
             Self::Erase { .. } => "erase",
+            Self::Align { .. } => "align",
+            Self::Distribute { .. } => "distribute",
+            Self::Mirror { .. } => "mirror",
+            Self::MakeUnique { .. } => "unique",
+            Self::Reset { .. } => "reset",
+            Self::Give { .. } => "give",
+            Self::Take { .. } => "take",
+            Self::Relight { .. } => "relight",
+            Self::Rename { .. } => "rename",
         }
     }
 }
@@ -279,6 +355,15 @@ pub fn apply(scene: &mut InstancedScene, edit: &Edit) -> Result<EditOutcome, Edi
         Edit::Scatter(scatter) => scatter::scatter(scene, scatter),
         Edit::Crop { template, corners, keep } => thin::crop(scene, *template, *corners, *keep),
         Edit::Erase { template, centres, radius } => thin::erase(scene, *template, centres, *radius),
+        Edit::Align { which, axis, to } => arrange::align(scene, which, *axis, *to),
+        Edit::Distribute { which, axis } => arrange::distribute(scene, which, *axis),
+        Edit::Mirror { which, normal, point } => arrange::mirror(scene, which, *normal, *point),
+        Edit::MakeUnique { which } => unique::make_unique(scene, which),
+        Edit::Reset { which, what } => unique::reset(scene, which, *what),
+        Edit::Give { which, margin } => given::give(scene, which, *margin),
+        Edit::Take { which } => given::take(scene, which),
+        Edit::Relight { which } => relight::relight(scene, which),
+        Edit::Rename { template, name } => membership::rename(scene, *template, name),
     };
     done.map_err(|reason| EditError { operation: edit.name(), reason })
 }

@@ -56,6 +56,19 @@ pub enum ScatterOver {
         /// Seed of the positions and angles.
         seed: u64,
     },
+    /// Random positions in a polygon, with random rotations about its up direction.
+    Polygon {
+        /// The corners, world units, three or more, in order. Instances stand on the plane through their mean.
+        points: Vec<DVec3>,
+        /// Up direction, of any length but zero.
+        up: DVec3,
+        /// Least distance between the instances' centres within the plane, world units.
+        min_distance: f64,
+        /// As of [`ScatterOver::Plane`], radians.
+        turn: f64,
+        /// Seed of the positions and angles.
+        seed: u64,
+    },
     /// Equal distances along a polyline, both ends included, rotated so that the reference's x axis (the template's, as
     /// the first instance is placed) points along it.
     Path {
@@ -139,18 +152,17 @@ fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<usi
 fn placements(scene: &InstancedScene, scatter: &Scatter) -> Result<Vec<Similarity>, EditReason> {
     let (up, what) = match &scatter.over {
         ScatterOver::Plane { normal, .. } => (normal, "normal"),
-        ScatterOver::Path { up, .. } => (up, "up direction"),
+        ScatterOver::Path { up, .. } | ScatterOver::Polygon { up, .. } => (up, "up direction"),
     };
     let up = up.try_normalize().ok_or_else(|| EditReason::value(format!("the {what} has no direction")))?;
     let stance = stance(scene, scatter.template, up);
     let spots = match &scatter.over {
         ScatterOver::Plane { point, extent, min_distance, turn, seed, .. } => {
-            if !turn.is_finite() {
-                return Err(EditReason::value("the turn is not finite"));
-            }
-            let mut spots = plane_spots(*point, up, *extent, *min_distance, scatter.count, &mut Rng::new(*seed))?;
-            spots.iter_mut().for_each(|(_, yaw)| *yaw *= turn / TAU);
-            spots
+            let area = Area { point: *point, normal: up, extent: *extent, corners: Vec::new() };
+            area.spots(*min_distance, scatter.count, *turn, *seed)?
+        }
+        ScatterOver::Polygon { points, min_distance, turn, seed, .. } => {
+            Area::of_polygon(points, up)?.spots(*min_distance, scatter.count, *turn, *seed)?
         }
         ScatterOver::Path { points, yaw, .. } => path_spots(points, *yaw, scatter.count, &stance)?,
     };
@@ -167,7 +179,7 @@ fn stance(scene: &InstancedScene, template: u32, up: DVec3) -> Stance {
 }
 
 /// Extent of a placed template along a direction, without outliers at either end.
-fn span(scene: &InstancedScene, template: u32, linear: DMat3, direction: DVec3) -> [f64; 2] {
+pub(super) fn span(scene: &InstancedScene, template: u32, linear: DMat3, direction: DVec3) -> [f64; 2] {
     let range = scene.template_ranges[template as usize];
     let means = &scene.templates.means[range.first as usize..(range.first + range.count) as usize];
     let mut places: Vec<f64> = means.iter().map(|&mean| direction.dot(linear * widened(mean))).collect();
@@ -203,6 +215,12 @@ pub fn footprint(scene: &InstancedScene, instance: usize, up: DVec3) -> Footprin
     Footprint { point, extent: spans.map(|[low, high]| high - low) }
 }
 
+/// Coordinate along a unit vector of the lower end of an instance, world units, without outliers.
+pub(super) fn instance_base(scene: &InstancedScene, instance: usize, axis: DVec3) -> f64 {
+    let Instance { template, world_from_template, .. } = &scene.instances[instance];
+    axis.dot(world_from_template.translation()) + span(scene, *template, world_from_template.linear(), axis)[0]
+}
+
 /// Directions of the sides of a rectangle with the given unit normal.
 fn sides(normal: DVec3) -> [DVec3; 2] {
     let side = if normal.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
@@ -229,32 +247,69 @@ impl Stance {
     }
 }
 
-/// Random spots in a rectangle, with at least the least distance between any two.
-fn plane_spots(
+/// A part of the ground: a rectangle, or a polygon in it.
+struct Area {
+    /// Centre of the rectangle, world units.
     point: DVec3,
+    /// Unit vector upwards.
     normal: DVec3,
+    /// Side lengths of the rectangle, world units.
     extent: [f64; 2],
-    min_distance: f64,
-    count: usize,
-    rng: &mut Rng,
-) -> Result<Vec<Spot>, EditReason> {
-    if !extent.iter().chain([&min_distance]).all(|v| v.is_finite() && *v >= 0.0) {
-        return Err(EditReason::value("extent and distance are lengths: want finite numbers from 0 on"));
+    /// Corners of the polygon along the sides of the rectangle, from its centre; empty for the whole rectangle.
+    corners: Vec<[f64; 2]>,
+}
+
+impl Area {
+    /// The polygon of three or more points, at the mean of their heights.
+    fn of_polygon(points: &[DVec3], normal: DVec3) -> Result<Self, EditReason> {
+        if points.len() < 3 || !points.iter().all(|p| p.is_finite()) {
+            return Err(EditReason::value("a polygon has three or more points of finite numbers"));
+        }
+        let sides = sides(normal);
+        let along = |k: usize| points.iter().map(move |p| sides[k].dot(*p));
+        let ranges =
+            [0, 1].map(|k| [along(k).fold(f64::INFINITY, f64::min), along(k).fold(f64::NEG_INFINITY, f64::max)]);
+        let [x, y] = ranges.map(|[low, high]| (low + high) / 2.0);
+        let height = points.iter().map(|p| normal.dot(*p)).sum::<f64>() / points.len() as f64;
+        let corners = along(0).zip(along(1)).map(|(a, b)| [a - x, b - y]).collect();
+        let extent = ranges.map(|[low, high]| high - low);
+        Ok(Self { point: x * sides[0] + y * sides[1] + height * normal, normal, extent, corners })
     }
-    let [along, across] = sides(normal);
-    let mut taken = Taken { min_distance, spots_of_cell: BTreeMap::new() };
-    let mut spots = Vec::new();
-    for _ in 0..count {
-        let mut draw = || [0, 1].map(|axis| extent[axis] * (rng.uniform() - 0.5));
-        let free = (0..TRIES).map(|_| draw()).find(|&spot| taken.is_free(spot));
-        let Some(spot) = free else {
-            let found = spots.len();
-            return Err(EditReason::DoNotFit { found, count });
+
+    /// True if a spot is inside, by the parity of the edges to its right.
+    fn has(&self, [x, y]: [f64; 2]) -> bool {
+        let next = self.corners.iter().cycle().skip(1);
+        let crosses = |(a, b): (&[f64; 2], &[f64; 2])| {
+            (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
         };
-        taken.insert(spot);
-        spots.push((point + along * spot[0] + across * spot[1], rng.range(0.0, TAU)));
+        self.corners.is_empty() || self.corners.iter().zip(next).filter(|edge| crosses(*edge)).count() % 2 == 1
     }
-    Ok(spots)
+
+    /// Random spots, with at least the least distance between any two, and random angles of at most `turn` radians.
+    fn spots(&self, min_distance: f64, count: usize, turn: f64, seed: u64) -> Result<Vec<Spot>, EditReason> {
+        if !turn.is_finite() {
+            return Err(EditReason::value("the turn is not finite"));
+        }
+        if !self.extent.iter().chain([&min_distance]).all(|v| v.is_finite() && *v >= 0.0) {
+            return Err(EditReason::value("extent and distance are lengths: want finite numbers from 0 on"));
+        }
+        let [along, across] = sides(self.normal);
+        let mut rng = Rng::new(seed);
+        let mut taken = Taken { min_distance, spots_of_cell: BTreeMap::new() };
+        let mut spots = Vec::new();
+        for _ in 0..count {
+            let mut draw = || [0, 1].map(|axis| self.extent[axis] * (rng.uniform() - 0.5));
+            let free = (0..TRIES).map(|_| draw()).find(|&spot| self.has(spot) && taken.is_free(spot));
+            let Some(spot) = free else {
+                let found = spots.len();
+                return Err(EditReason::DoNotFit { found, count });
+            };
+            taken.insert(spot);
+            let yaw = rng.range(0.0, TAU) * (turn / TAU);
+            spots.push((self.point + along * spot[0] + across * spot[1], yaw));
+        }
+        Ok(spots)
+    }
 }
 
 /// Spots in grid cells of the least distance, so that only nine cells can hold a spot that is too near.

@@ -2,6 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+mod arrange;
 mod thin;
 
 use super::*;

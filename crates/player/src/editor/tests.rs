@@ -48,7 +48,10 @@ fn takes_back_and_does_again(mut scene: InstancedScene) {
     let edits = [
         Edit::MoveBy { which: which(), by: DVec3::X },
         Edit::Duplicate { which: which(), by: DVec3::Y, turn: None },
+        Edit::Give { which: Selector::Index(0), margin: 1e3 },
+        Edit::Take { which: Selector::Index(0) },
         Edit::Recolour { which: Selector::Index(0), rgb: [0.1, 0.0, 0.0] },
+        Edit::Reset { which: Selector::Index(0), what: instgs_vk::scene::edit::Extra::All },
         Edit::Recolour { which: Selector::Template(0), rgb: [0.0, 0.1, 0.0] },
         Edit::Scale { which: Selector::Index(1), by: 1.5 },
         Edit::Swap { which: Selector::Index(0), template: 1 },
@@ -57,12 +60,16 @@ fn takes_back_and_does_again(mut scene: InstancedScene) {
             corners: [DVec3::splat(f64::NEG_INFINITY), DVec3::new(middle, f64::INFINITY, f64::INFINITY)],
             keep: Keep::Inside,
         },
+        Edit::Rename { template: 1, name: "seat".into() },
+        Edit::Mirror { which: which(), normal: DVec3::X, point: None },
+        Edit::MakeUnique { which: Selector::Index(1) },
         Edit::Delete { which: which() },
     ];
     let mut states = vec![scene.clone()];
     for edit in &edits {
         let (outcome, changed) = editor.apply(&mut scene, edit).unwrap();
-        let places = matches!(edit, Edit::MoveBy { .. } | Edit::Scale { .. });
+        // A name is nothing that is uploaded.
+        let places = matches!(edit, Edit::MoveBy { .. } | Edit::Scale { .. } | Edit::Rename { .. });
         assert_eq!(matches!(changed, Changed::Places(_)), places, "{edit:?}");
         if !outcome.added.is_empty() {
             assert_eq!(editor.chosen().iter().copied().collect::<Vec<_>>(), outcome.added);
@@ -250,4 +257,44 @@ fn an_edit_that_fails_leaves_no_step() {
     let edit = move_by(&editor, DVec3::splat(f64::INFINITY));
     assert!(editor.apply(&mut scene, &edit).is_err());
     assert!(scene == before && editor.steps() == [0, 0] && !editor.is_unsaved());
+}
+
+/// What is locked cannot be selected in any way; locking is undone like hiding.
+#[test]
+fn locked_instances_cannot_be_selected() {
+    let mut scene = sample_scene();
+    let mut editor = Editor::default();
+    editor.choose([0, 1], false);
+    assert!(editor.set_locked(&[0], true) && !editor.set_locked(&[0], true));
+    assert_eq!(editor.selector(), Some(Selector::Indices(vec![1])));
+    editor.click(Some(0), false);
+    assert!(editor.chosen().is_empty());
+    editor.choose(0..scene.instances.len(), false);
+    assert!(!editor.chosen().contains(&0) && editor.chosen().len() == scene.instances.len() - 1);
+    editor.choose_others(&scene);
+    assert!(editor.chosen().is_empty());
+    assert!(!editor.is_unsaved() && editor.history()[0] == ["lock"]);
+    assert!(editor.undo(&mut scene).is_some() && editor.locked().is_empty());
+    assert_eq!(editor.history(), [vec![], vec!["lock"]]);
+    // Indices follow when instances before them go.
+    editor.set_locked(&[1], true);
+    editor.set_hidden(&[2], true);
+    editor.apply(&mut scene, &Edit::Delete { which: Selector::Index(0) }).unwrap();
+    assert!(editor.locked().contains(&0) && editor.hidden().contains(&1));
+}
+
+/// A file holds the changes until it was begun; later ones are still unsaved.
+#[test]
+fn a_file_that_is_written_meanwhile_saves_what_it_holds() {
+    let mut scene = sample_scene();
+    let mut editor = Editor::default();
+    let edit = Edit::MoveBy { which: Selector::Index(0), by: DVec3::X };
+    editor.apply(&mut scene, &edit).unwrap();
+    let revision = editor.revision();
+    editor.apply(&mut scene, &edit).unwrap();
+    editor.saved_at(revision);
+    assert!(editor.is_unsaved());
+    let revision = editor.revision();
+    editor.saved_at(revision);
+    assert!(!editor.is_unsaved());
 }

@@ -1,9 +1,10 @@
 //! The form that scatters copies of a template on the ground around an instance.
 
-use egui::{DragValue, Grid, Ui};
+use egui::{Button, DragValue, Grid, Ui};
 use glam::DVec3;
 
 use super::{Action, EditFacts, EditPanel};
+use crate::texts;
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{Edit, Footprint, OffsetSource, Scatter, ScatterOver, Selector, footprint};
 
@@ -12,9 +13,30 @@ const MOST: usize = 10_000;
 /// Initial width of the area relative to the instance's; copies are initially one instance width apart.
 const AREA: f64 = 6.0;
 
+/// What the copies are scattered over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Over {
+    /// A rectangle around the original.
+    #[default]
+    Area,
+    /// A path of drawn points.
+    Path,
+    /// A polygon of drawn points.
+    Polygon,
+}
+
 /// State of the form's fields.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct ScatterFields {
+    over: Over,
+    /// Points drawn in the picture, world units.
+    pub(super) points: Vec<DVec3>,
+    /// True while clicks in the picture draw points.
+    pub(super) draws: bool,
+    /// True while the copies are shown and wait for a button.
+    pub(super) preview: bool,
+    /// The instance that copies are made of.
+    original: usize,
     count: usize,
     /// Width and depth of the area, world units.
     extent: [f64; 2],
@@ -27,7 +49,9 @@ pub(super) struct ScatterFields {
 
 impl Default for ScatterFields {
     fn default() -> Self {
-        Self { count: 5, extent: [1.0; 2], distance: 0.0, turn: 360.0, seed: 1 }
+        let (over, points) = (Over::Area, Vec::new());
+        let (draws, preview, original) = (false, false, 0);
+        Self { over, points, draws, preview, original, count: 5, extent: [1.0; 2], distance: 0.0, turn: 360.0, seed: 1 }
     }
 }
 
@@ -36,19 +60,37 @@ impl ScatterFields {
     pub(super) fn beside(facts: &EditFacts<'_>) -> Self {
         let Some(&first) = facts.editor.chosen().first() else { return Self::default() };
         let Footprint { extent, .. } = footprint(facts.scene, first, facts.up);
-        Self { extent: extent.map(|side| AREA * side), distance: extent[0].max(extent[1]), ..Self::default() }
+        let distance = extent[0].max(extent[1]);
+        Self { original: first, extent: extent.map(|side| AREA * side), distance, ..Self::default() }
+    }
+
+    /// The drawn points, and whether the last is joined to the first.
+    pub(super) fn outline(&self) -> (&[DVec3], bool) {
+        (&self.points, self.over == Over::Polygon && self.points.len() > 2)
+    }
+
+    /// True if there are points enough.
+    fn is_ready(&self) -> bool {
+        self.points.len()
+            >= match self.over {
+                Over::Area => 0,
+                Over::Path => 2,
+                Over::Polygon => 3,
+            }
     }
 
     /// The edit: copies of an instance's template around it, with its offsets.
     fn edit(&self, scene: &InstancedScene, instance: usize, up: DVec3) -> Edit {
         let original = &scene.instances[instance];
-        let over = ScatterOver::Plane {
-            point: footprint(scene, instance, up).point,
-            normal: up,
-            extent: self.extent,
-            min_distance: self.distance,
-            turn: self.turn.to_radians(),
-            seed: self.seed,
+        let (min_distance, turn, seed) = (self.distance, self.turn.to_radians(), self.seed);
+        let points = self.points.clone();
+        let over = match self.over {
+            Over::Area => {
+                let point = footprint(scene, instance, up).point;
+                ScatterOver::Plane { point, normal: up, extent: self.extent, min_distance, turn, seed }
+            }
+            Over::Path => ScatterOver::Path { points, up, yaw: 0.0 },
+            Over::Polygon => ScatterOver::Polygon { points, up, min_distance, turn, seed },
         };
         let differs = original.first_offset.is_some() || scene.own_range(instance).count > 0;
         let offsets = if differs { OffsetSource::Shared(Selector::Index(instance)) } else { OffsetSource::None };
@@ -57,25 +99,71 @@ impl ScatterFields {
 }
 
 impl EditPanel {
-    /// Fields and button for scattering copies around an instance.
+    /// Fields and buttons for scattering copies around an instance, along a path or in a polygon.
     pub(super) fn scatter_copies(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, k: usize, actions: &mut Vec<Action>) {
         let fields = &mut self.scatter;
+        let before = fields.clone();
+        ui.horizontal(|ui| {
+            for (over, name) in
+                [(Over::Area, texts::AROUND), (Over::Path, texts::PATH), (Over::Polygon, texts::POLYGON)]
+            {
+                ui.selectable_value(&mut fields.over, over, name);
+            }
+            if fields.over != Over::Area {
+                ui.toggle_value(&mut fields.draws, texts::DRAW_POINTS);
+            }
+        });
+        fields.draws &= fields.over != Over::Area;
+        if fields.draws {
+            ui.label(texts::CLICK_POINTS);
+        }
+        let over = fields.over;
         Grid::new("scatter").num_columns(2).show(ui, |ui| {
             let mut row = |label: &str, values: Vec<DragValue<'_>>| {
                 ui.label(label);
                 ui.horizontal(|ui| values.into_iter().for_each(|value| drop(ui.add(value))));
                 ui.end_row();
             };
-            row("copies", vec![DragValue::new(&mut fields.count).range(1..=MOST)]);
+            row("Copies", vec![DragValue::new(&mut fields.count).range(1..=MOST)]);
             let [width, depth] = &mut fields.extent;
             let length = |value| DragValue::new(value).speed(facts.step).range(0.0..=f64::MAX).max_decimals(3);
-            row("area", vec![length(width), length(depth)]);
-            row("least distance", vec![length(&mut fields.distance)]);
-            row("random rotation", vec![DragValue::new(&mut fields.turn).range(0.0..=360.0).suffix("°")]);
-            row("seed", vec![DragValue::new(&mut fields.seed)]);
+            if over == Over::Area {
+                row("Width, depth", vec![length(width), length(depth)]);
+            }
+            if over != Over::Path {
+                row("Least distance", vec![length(&mut fields.distance)]);
+                row("Random rotation", vec![DragValue::new(&mut fields.turn).range(0.0..=360.0).suffix("°")]);
+                row("Seed", vec![DragValue::new(&mut fields.seed)]);
+            }
         });
-        if ui.button("scatter").clicked() {
-            actions.push(Action::Edit(self.scatter.edit(facts.scene, k, facts.up)));
+        if !fields.preview {
+            fields.original = k;
+        }
+        let (ready, changed) = (fields.is_ready(), *fields != before);
+        let edit = || self.scatter.edit(facts.scene, self.scatter.original, facts.up);
+        let (mut live, mut done) = (None, None);
+        ui.horizontal(|ui| {
+            if !self.scatter.preview && ui.add_enabled(ready, Button::new(texts::PREVIEW)).clicked() {
+                live = Some(edit());
+            }
+            if ui.add_enabled(ready, Button::new(texts::APPLY)).clicked() {
+                done = Some(if self.scatter.preview { Action::Finish } else { Action::Edit(edit()) });
+            }
+            if self.scatter.preview && ui.button(texts::CANCEL).clicked() {
+                done = Some(Action::Cancel);
+            }
+        });
+        if self.scatter.preview && changed && ready {
+            live = Some(edit());
+        }
+        if let Some(edit) = live {
+            self.scatter.preview = true;
+            self.change(ui.id().with("preview"), edit, actions);
+        }
+        if let Some(done) = done {
+            (self.scatter.preview, self.scatter.draws, self.live) = (false, false, None);
+            self.scatter.points.clear();
+            actions.push(done);
         }
     }
 }

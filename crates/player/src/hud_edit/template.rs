@@ -1,9 +1,10 @@
 //! Fields for the base colour, and tools that change a template and with it all of its instances.
 
-use egui::{ComboBox, DragValue, Id, Slider, Ui};
+use egui::{DragValue, Id, Slider, Ui};
 use glam::DVec3;
 
 use super::{Action, EditFacts, EditPanel, selector};
+use crate::texts;
 use instgs_vk::math::sh::widened;
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{Edit, Keep};
@@ -47,19 +48,13 @@ pub(super) struct CropFields {
 }
 
 impl EditPanel {
-    /// Fields that shift base colours, and the choice of another template.
-    pub(super) fn recolour_and_swap(
-        &mut self,
-        ui: &mut Ui,
-        facts: &EditFacts<'_>,
-        first: usize,
-        actions: &mut Vec<Action>,
-    ) {
+    /// Fields that shift base colours.
+    pub(super) fn recolour(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, first: usize, actions: &mut Vec<Action>) {
         let template = facts.scene.instances[first].template;
         let shift = &mut self.shift;
         let mut colour = shift.rgb.map(|v| (MIDDLE + 255.0 * v).round() as u8);
         let changed = ui.horizontal(|ui| {
-            ui.label("colour shift");
+            ui.label("Shift");
             let mut changed = ui.color_edit_button_srgb(&mut colour).changed();
             if changed {
                 shift.rgb = colour.map(|v| (f32::from(v) - MIDDLE) / 255.0);
@@ -69,21 +64,12 @@ impl EditPanel {
             }
             changed
         });
-        ui.checkbox(&mut shift.whole_template, format!("all of template {template}"));
+        ui.checkbox(&mut shift.whole_template, format!("all instances of template {template}"));
         if changed.inner {
             let which = selector(facts, shift.whole_template.then_some(template));
             // The edits of a drag start from the shift that was completed before it.
             let rgb = [0, 1, 2].map(|k| shift.rgb[k] - shift.done[k]);
             self.change(ui.id().with("shift"), Edit::Recolour { which, rgb }, actions);
-        }
-        let mut wanted = template;
-        ComboBox::from_label("template").selected_text(template.to_string()).show_ui(ui, |ui| {
-            for other in 0..facts.scene.template_ranges.len() as u32 {
-                ui.selectable_value(&mut wanted, other, other.to_string());
-            }
-        });
-        if wanted != template {
-            actions.push(Action::Edit(Edit::Swap { which: selector(facts, None), template: wanted }));
         }
     }
 
@@ -105,7 +91,7 @@ impl EditPanel {
         ));
         match self.crop.take() {
             None => {
-                if ui.button("crop with a box").clicked() {
+                if ui.button("Crop with a box").clicked() {
                     let id = ui.id().with("crop");
                     self.crop = Some(CropFields { id, template, bounds, corners: bounds, keep: Keep::Inside });
                 }
@@ -117,9 +103,9 @@ impl EditPanel {
         if self.brush.radius <= 0.0 {
             self.brush.radius = BRUSH_PART * size;
         }
-        ui.checkbox(&mut self.brush.on, "erase by clicking and dragging");
+        ui.checkbox(&mut self.brush.on, "Erase by clicking and dragging");
         ui.horizontal(|ui| {
-            ui.label("radius");
+            ui.label("Radius");
             let least = 1e-6 * size.max(1e-6);
             let radius = DragValue::new(&mut self.brush.radius).speed(2e-3 * size).range(least..=10.0 * size);
             ui.add(radius.max_decimals(4));
@@ -153,7 +139,7 @@ impl EditPanel {
             self.change(id, Edit::Crop { template, corners, keep }, actions);
         }
         let done = ui.horizontal(|ui| {
-            let action = match (ui.button("apply").clicked(), ui.button("cancel").clicked()) {
+            let action = match (ui.button(texts::APPLY).clicked(), ui.button(texts::CANCEL).clicked()) {
                 (true, _) => Action::Finish,
                 (_, true) => Action::Cancel,
                 _ => return false,

@@ -34,10 +34,12 @@ impl Desk {
             step: 0.1,
             beside: DVec3::X,
             mode: GizmoMode::Move,
-            file: "x.instgs".into(),
         };
         let mut actions = Vec::new();
-        self.screen.frame(events, |ctx| actions.extend(self.panel.lay_out(ctx, &facts)));
+        self.screen.frame(events, |ctx| {
+            egui::Window::new("Properties").show(ctx, |ui| self.panel.lay_out(ui, &facts, &mut actions));
+            self.panel.settle(ctx, &mut actions);
+        });
         for action in &actions {
             match action {
                 Action::Edit(edit) => drop(self.editor.apply(&mut self.scene, edit).unwrap()),
@@ -76,17 +78,24 @@ impl Desk {
 fn buttons_ask_for_what_they_say() {
     let which = || Selector::Indices(vec![1]);
     for (text, want) in [
-        ("hide", Action::Hide),
-        ("same template", Action::ChooseAlike),
-        ("same group", Action::ChooseGroup),
-        ("turn", Action::Mode(GizmoMode::Turn)),
-        ("copy", Action::Edit(Edit::Duplicate { which: which(), by: DVec3::X, turn: None })),
-        ("delete", Action::Edit(Edit::Delete { which: which() })),
-        ("write", Action::Write("x.instgs".into())),
+        ("Hide", Action::Hide),
+        ("Select same template", Action::ChooseAlike),
+        ("Select same group", Action::ChooseGroup),
+        ("Rotate", Action::Mode(GizmoMode::Turn)),
+        ("Duplicate", Action::Edit(Edit::Duplicate { which: which(), by: DVec3::X, turn: None })),
+        ("Delete", Action::Edit(Edit::Delete { which: which() })),
     ] {
         assert_eq!(Desk::new(&[1]).click(text), [want]);
     }
-    assert_eq!(Desk::new(&[1]).click("undo"), [], "nothing to take back");
+    let mut desk = Desk::new(&[1]);
+    desk.click("Template and own Gaussians");
+    assert_eq!(desk.click("Make unique"), [Action::Edit(Edit::MakeUnique { which: which() })]);
+    assert_eq!(desk.click("Return to background"), [], "there are no own Gaussians");
+    let mut desk = Desk::new(&[0, 1]);
+    desk.click("Arrange");
+    let both = Selector::Indices(vec![0, 1]);
+    let base = Edit::Align { which: both, axis: DVec3::Z, to: instgs_vk::scene::edit::AlignTo::Base };
+    assert_eq!(desk.click("Stand on one ground"), [Action::Edit(base)]);
     assert!(Desk::new(&[]).screen.says("Click an object"));
 }
 
@@ -94,12 +103,12 @@ fn buttons_ask_for_what_they_say() {
 #[test]
 fn a_dragged_number_is_one_step() {
     for (chosen, label) in [
-        (&[0][..], "position"),
-        (&[0], "rotation"),
-        (&[0], "scale"),
-        (&[0, 1], "move by"),
-        (&[0, 1], "turn by"),
-        (&[0, 1], "scale by"),
+        (&[0][..], "Position"),
+        (&[0], "Rotation"),
+        (&[0], "Scale"),
+        (&[0, 1], "Move by"),
+        (&[0, 1], "Rotate by"),
+        (&[0, 1], "Scale by"),
     ] {
         let mut desk = Desk::new(chosen);
         let actions = desk.drag(label, 30.0);
@@ -123,7 +132,7 @@ fn a_dragged_number_is_one_step() {
 fn the_position_is_that_of_the_centre() {
     let mut desk = Desk::new(&[1]);
     let before = instgs_vk::scene::edit::instance_centres(&desk.scene, [1])[0];
-    let actions = desk.drag("position", 30.0);
+    let actions = desk.drag("Position", 30.0);
     let last = actions.iter().rev().find_map(|action| match action {
         Action::Live(Edit::MoveTo { to, .. }) => Some(*to),
         _ => None,
@@ -136,13 +145,13 @@ fn the_position_is_that_of_the_centre() {
 #[test]
 fn a_shift_of_colours_adds_up_over_drags() {
     let mut desk = Desk::new(&[0]);
-    desk.click("Colour and template");
+    desk.click("Colour");
     let before = desk.scene.clone();
     // The first number is to the right of the colour button.
     let red = |desk: &Desk| {
         f64::from(desk.scene.offsets.sh_dc[0][0] - before.offsets.sh_dc[0][0]) * instgs_vk::math::sh::SH_C0
     };
-    let from = desk.place("colour shift").right_center() + egui::vec2(66.0, 0.0);
+    let from = desk.place("Shift").right_center() + egui::vec2(66.0, 0.0);
     for want in [1, 2] {
         desk.press(from, true);
         (1..4).for_each(|k| drop(desk.frame(vec![Event::PointerMoved(from + egui::vec2(10.0 * k as f32, 0.0))])));
@@ -160,11 +169,11 @@ fn a_shift_of_colours_adds_up_over_drags() {
 /// A crop over several sliders is one undo step once applied, or none if cancelled.
 #[test]
 fn a_crop_is_one_step_or_none() {
-    for (button, steps) in [("apply", [1, 0]), ("cancel", [0, 0])] {
+    for (button, steps) in [("Apply", [1, 0]), ("Cancel", [0, 0])] {
         let mut desk = Desk::new(&[0]);
         let before = desk.scene.clone();
-        desk.click("Crop and erase in the template");
-        desk.click("crop with a box");
+        desk.click("Edit the template");
+        desk.click("Crop with a box");
         // Sliders are left of their texts; a press in the middle sets them.
         let slider = desk.place("x from").left_center() - egui::vec2(110.0, 0.0);
         let actions: Vec<Action> = [true, false].into_iter().flat_map(|pressed| desk.press(slider, pressed)).collect();
@@ -176,7 +185,28 @@ fn a_crop_is_one_step_or_none() {
         assert!(desk.editor.is_live() && desk.scene.templates.len() < before.templates.len());
         desk.click(button);
         assert!(!desk.editor.is_live() && desk.editor.steps() == steps);
-        assert_eq!(desk.scene == before, button == "cancel");
+        assert_eq!(desk.scene == before, button == "Cancel");
+        desk.editor.undo(&mut desk.scene);
+        assert!(desk.scene == before);
+    }
+}
+
+/// A preview is in the scene while its fields change, and one step or none in the end.
+#[test]
+fn scattered_copies_are_previewed() {
+    for (button, steps) in [("Apply", [1, 0]), ("Cancel", [0, 0])] {
+        let mut desk = Desk::new(&[0]);
+        let before = desk.scene.clone();
+        desk.click("Scatter copies");
+        desk.click("Preview");
+        assert!(desk.editor.is_live() && desk.scene.instances.len() == before.instances.len() + 5);
+        (0..3).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
+        let copies = desk.place("5").center();
+        desk.pictures(drag(copies, 30.0));
+        assert!(desk.editor.is_live() && desk.scene.instances.len() > before.instances.len() + 5);
+        desk.click(button);
+        assert!(!desk.editor.is_live() && desk.editor.steps() == steps);
+        assert_eq!(desk.scene == before, button == "Cancel");
         desk.editor.undo(&mut desk.scene);
         assert!(desk.scene == before);
     }
@@ -186,11 +216,11 @@ fn a_crop_is_one_step_or_none() {
 fn scattering_and_the_brush_are_set_in_the_panel() {
     let mut desk = Desk::new(&[0]);
     desk.click("Scatter copies");
-    let actions = desk.click("scatter");
+    let actions = desk.click("Apply");
     assert!(matches!(actions.as_slice(), [Action::Edit(Edit::Scatter(s))] if s.count == 5), "{actions:?}");
     let mut desk = Desk::new(&[0]);
-    desk.click("Crop and erase in the template");
+    desk.click("Edit the template");
     assert!(!desk.panel.brush.on && desk.panel.brush.radius > 0.0);
-    assert_eq!(desk.click("erase by clicking and dragging"), []);
+    assert_eq!(desk.click("Erase by clicking and dragging"), []);
     assert!(desk.panel.brush.on);
 }

@@ -1,21 +1,20 @@
 //! Editing in the window: drags of handles and of the brush, the panel, and keys.
 
-use std::path::Path;
-
 use glam::DVec3;
 use winit::keyboard::KeyCode;
 
-use super::Live;
+use super::{Live, WindowJob};
+use crate::actions::{Action, Panel};
 use crate::error::{ChangeError, PlayerError};
 use crate::gizmo::{Drag, Gizmo, GizmoMode, Handle};
-use crate::hud_edit::{Action, EditFacts, EditPanel};
+use crate::texts;
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::edit::{Edit, EditOutcome};
 
 /// Spacing of the points of a brush stroke, pixels.
 const BRUSH_STEP_PX: f64 = 3.0;
 
-/// State of the pointer's editing tools, and the panel.
+/// State of the pointer's editing tools.
 #[derive(Default)]
 pub(super) struct Editing {
     /// The kind of handles that are shown.
@@ -24,8 +23,6 @@ pub(super) struct Editing {
     grip: Option<Grip>,
     /// The handle under the pointer.
     hovered: Option<Handle>,
-    /// State of the panel's fields and tools.
-    pub(super) panel: EditPanel,
 }
 
 /// What a drag in progress holds.
@@ -85,13 +82,12 @@ impl Live {
 
     /// True if clicks and drags erase; there must be a selection to erase from.
     fn has_brush(&self) -> bool {
-        self.input.editing.panel.brush.on && !self.session.viewer.editor().chosen().is_empty()
+        self.hud.edit.brush.on && !self.session.viewer.editor().chosen().is_empty()
     }
 
     /// Centre and radius of the brush at the selection's depth, window pixels; `None` if the brush is off.
     pub(super) fn brush_px(&self) -> Option<([f64; 2], f64)> {
-        let (brush, scene, editor) =
-            (self.input.editing.panel.brush, self.session.viewer.scene(), self.session.viewer.editor());
+        let (brush, scene, editor) = (self.hud.edit.brush, self.session.viewer.scene(), self.session.viewer.editor());
         let centre = editor.chosen_centre(scene).filter(|_| brush.on)?;
         let scale = scene.instances[*editor.chosen().first()?].world_from_template.scale();
         let camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
@@ -195,7 +191,7 @@ impl Live {
         if stroke.centres.len() == before {
             return Ok(());
         }
-        let (template, radius) = (stroke.template, self.input.editing.panel.brush.radius);
+        let (template, radius) = (stroke.template, self.hud.edit.brush.radius);
         let erase = |centres: &[DVec3]| Edit::Erase { template, centres: centres.to_vec(), radius };
         let done = self.session.viewer.edit_live(&erase(&stroke.centres));
         if let Err(ChangeError::Rejected(_) | ChangeError::Reverted(_)) = done {
@@ -224,11 +220,11 @@ impl Live {
             self.session.viewer.cancel_live()?;
             return Ok(true);
         }
-        Ok(std::mem::take(&mut self.input.editing.panel.brush.on))
+        Ok(std::mem::take(&mut self.hud.edit.brush.on) || self.hud.edit.stop_points())
     }
 
     /// Carries out the panel's actions.
-    pub(super) fn act(&mut self, actions: Vec<Action>) -> Result<(), PlayerError> {
+    pub(super) fn act(&mut self, actions: Vec<Action>, job: &WindowJob) -> Result<(), PlayerError> {
         for action in actions {
             match action {
                 Action::Edit(edit) => {
@@ -254,42 +250,55 @@ impl Live {
                     editor.choose_group(scene);
                 }
                 Action::Mode(mode) => self.input.editing.mode = mode,
-                Action::Write(path) => self.write(&path),
+                Action::Travel(by) => self.travel(by)?,
+                Action::SetHidden(which, hidden) => drop(self.session.viewer.set_hidden(&which, hidden)?),
+                Action::SetLocked(which, locked) => {
+                    self.session.viewer.editor_mut().set_locked(&which, locked);
+                }
+                Action::Choose(which, more) => self.session.viewer.editor_mut().choose(which, more),
+                Action::Toggle(k) => self.session.viewer.editor_mut().click(Some(k), true),
+                Action::TogglePanel(panel) => self.toggle_panel(panel),
+                Action::Boxes => self.toggle_boxes()?,
+                Action::Save => self.write_beside(&self.session.save_path()),
+                Action::Write(path) => {
+                    self.session.viewer.editor_mut().finish();
+                    self.write_beside(&path);
+                }
+                Action::Open(path) => self.ask_and_open(&path, job)?,
+                Action::CancelWork => self.cancel_work(),
+                Action::Draw { take, size_px, frames } => self.draw_frames(take, size_px, frames),
+                Action::Frame
+                | Action::LookAlong(_)
+                | Action::FirstView
+                | Action::KeepCamera
+                | Action::ShowKept(_)
+                | Action::RemoveKept(_) => self.act_on_camera(&action)?,
             }
         }
         Ok(())
     }
 
-    /// Lays out the panel, while the overlay is visible, and returns the user's actions.
-    pub(super) fn lay_out_panel(&mut self, ctx: &egui::Context) -> Vec<Action> {
-        if !self.hud.visible || self.input.boxing.on || self.session.viewer.scene().instances.is_empty() {
-            return Vec::new();
+    /// Undoes or redoes a number of steps.
+    fn travel(&mut self, by: isize) -> Result<(), PlayerError> {
+        for _ in 0..by.unsigned_abs() {
+            let done = if by < 0 { self.session.viewer.undo() } else { self.session.viewer.redo() };
+            if let Err(error) = done {
+                self.hud.message = Some(error.notice()?);
+                break;
+            }
         }
-        let [_, _, up] = self.camera.navigator.level_axes();
-        let facts = EditFacts {
-            scene: self.session.viewer.scene(),
-            editor: self.session.viewer.editor(),
-            up,
-            step: self.number_step(),
-            beside: self.beside(),
-            mode: self.input.editing.mode,
-            file: self.session.save_path().display().to_string(),
-        };
-        self.input.editing.panel.lay_out(ctx, &facts)
+        Ok(())
     }
 
-    /// Saves the scene under another name, which it keeps, or exports it.
-    fn write(&mut self, path: &Path) {
-        self.session.viewer.editor_mut().finish();
-        let saves = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
-        if saves {
-            return self.save(path);
+    /// Shows or hides a panel. The Properties panel is open by default, but needs a selection.
+    pub(super) fn toggle_panel(&mut self, panel: Panel) {
+        let flag = self.hud.panels.flag(panel);
+        *flag = !*flag;
+        let empty = self.session.viewer.editor().chosen().is_empty();
+        if panel == Panel::Properties && *flag && empty {
+            self.hud.message = Some(texts::NOTHING_SELECTED.into());
         }
-        let [_, _, up] = self.camera.navigator.level_axes();
-        self.hud.message = Some(match self.session.viewer.export(path, up) {
-            Ok(()) => format!("exported to {}", path.display()),
-            Err(error) => error.to_string(),
-        });
+        self.hud.visible = true;
     }
 
     /// Displays why an edit was not carried out, or its first warning.
@@ -315,9 +324,31 @@ impl Live {
                 KeyCode::KeyZ if self.input.controls.shift => self.session.viewer.redo(),
                 KeyCode::KeyZ => self.session.viewer.undo(),
                 KeyCode::KeyY => self.session.viewer.redo(),
-                KeyCode::KeyS => {
-                    self.save(&self.session.save_path());
+                KeyCode::KeyS if self.input.controls.shift => {
+                    self.toggle_panel(Panel::SaveAs);
                     Ok(true)
+                }
+                KeyCode::KeyS => {
+                    self.write_beside(&self.session.save_path());
+                    Ok(true)
+                }
+                KeyCode::KeyO => {
+                    self.toggle_panel(Panel::Open);
+                    Ok(true)
+                }
+                KeyCode::KeyA | KeyCode::KeyI => {
+                    self.let_go()?;
+                    let (editor, scene) = self.session.viewer.editor_and_scene();
+                    if code == KeyCode::KeyI {
+                        editor.choose_others(scene);
+                    } else {
+                        editor.choose(0..scene.instances.len(), false);
+                    }
+                    Ok(true)
+                }
+                KeyCode::KeyL => {
+                    let all: Vec<usize> = self.session.viewer.editor().locked().iter().copied().collect();
+                    Ok(self.session.viewer.editor_mut().set_locked(&all, false))
                 }
                 KeyCode::KeyH => {
                     self.let_go()?;
@@ -333,7 +364,11 @@ impl Live {
             match done {
                 Ok(true) => {}
                 Ok(false) => {
-                    let nothing = if code == KeyCode::KeyH { "hide or show" } else { "undo or redo" };
+                    let nothing = match code {
+                        KeyCode::KeyH => "hide or show",
+                        KeyCode::KeyL => "unlock",
+                        _ => "undo or redo",
+                    };
                     self.hud.message = Some(format!("there is nothing to {nothing}"));
                 }
                 Err(error) => self.hud.message = Some(error.notice()?),
@@ -354,10 +389,15 @@ impl Live {
             self.input.editing.mode = mode;
             return Ok(true);
         }
+        if code == KeyCode::Backspace && self.hud.edit.remove_point() {
+            return Ok(true);
+        }
         let Some(which) = self.session.viewer.editor().selector() else { return Ok(false) };
         let edit = match code {
             KeyCode::KeyD if self.input.controls.control => Edit::Duplicate { which, by: self.beside(), turn: None },
             KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
+            // With Ctrl, plus and minus change the size of the panels.
+            _ if self.input.controls.control => return Ok(false),
             _ => match self.key_motion(code) {
                 Some(motion) => motion.edit(which),
                 None => return Ok(false),
@@ -367,22 +407,6 @@ impl Live {
         let done = self.session.viewer.edit(&edit);
         self.show_outcome(done)?;
         Ok(true)
-    }
-
-    /// Saves the scene to a file, which becomes the scene's own. A file that could not be opened is not overwritten.
-    fn save(&mut self, path: &Path) {
-        if !self.session.has_scene {
-            self.hud.message =
-                Some(format!("{} could not be opened, so there is nothing to save", self.session.path.display()));
-            return;
-        }
-        self.hud.message = Some(match self.session.viewer.save(path) {
-            Ok(()) => {
-                self.session.path = path.to_path_buf();
-                format!("saved to {}", path.display())
-            }
-            Err(error) => error.to_string(),
-        });
     }
 }
 

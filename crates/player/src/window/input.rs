@@ -6,6 +6,7 @@ use winit::window::Fullscreen;
 
 use super::keeping::step;
 use super::{After, Live, WindowJob};
+use crate::actions::{Action, Panel};
 use crate::controls::{Button, FlightKey};
 use crate::error::PlayerError;
 use crate::views::View;
@@ -64,17 +65,23 @@ impl Live {
                 }
             }
             WindowEvent::DroppedFile(path) => {
-                // The notice has the file's name, so that the second of two files dropped together does not count as
-                // the confirmation.
-                let name = path.file_name().unwrap_or_default().to_string_lossy();
-                if !self.asks_first(&format!("drop {name} again to open it without saving")) {
-                    self.open_file(path, job)?;
-                }
+                self.ask_and_open(path, job)?;
                 true
             }
             _ => false,
         };
         Ok(if changed || response.repaint { After::Redraw } else { After::Nothing })
+    }
+
+    /// Opens a file; if something is unsaved, asks first.
+    pub(super) fn ask_and_open(&mut self, path: &std::path::Path, job: &WindowJob) -> Result<(), PlayerError> {
+        // The notice has the file's name, so that the second of two files dropped together does not count as the
+        // confirmation.
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if self.asks_first(&format!("open {name} again to open it without saving")) {
+            return Ok(());
+        }
+        self.open_file(path, job)
     }
 
     fn button(&mut self, state: ElementState, button: MouseButton, consumed: bool) -> Result<bool, PlayerError> {
@@ -110,6 +117,11 @@ impl Live {
         }
         if self.input.boxing.on {
             self.box_click(click.at_px)?;
+        } else if self.hud.edit.draws_points() {
+            let point = self.session.viewer.point_at(self.in_picture(click.at_px));
+            if let Some(point) = self.found(point)? {
+                self.hud.edit.add_point(point);
+            }
         } else {
             let instance = self.instance_at(click.at_px)?;
             self.session.viewer.editor_mut().click(instance, self.input.controls.shift);
@@ -190,12 +202,25 @@ impl Live {
             // Closes the menu of views.
             KeyCode::Escape if egui::Popup::is_any_open(self.screen.ui.egui_ctx()) => {}
             KeyCode::Escape if self.drop_grip()? => {}
+            KeyCode::Escape if self.hud.panels.close_one() => {}
             KeyCode::Escape if !self.session.viewer.editor().chosen().is_empty() => {
                 self.session.viewer.editor_mut().click(None, false);
             }
             KeyCode::Escape => return Ok(self.leave("press Escape again to quit without saving")),
             KeyCode::KeyB => self.toggle_boxes()?,
-            KeyCode::KeyF => self.find_rest(),
+            KeyCode::KeyF if self.input.boxing.on => self.find_rest(),
+            KeyCode::KeyF => self.act_on_camera(&Action::Frame)?,
+            KeyCode::KeyL => {
+                let chosen: Vec<usize> = self.session.viewer.editor().chosen().iter().copied().collect();
+                self.session.viewer.editor_mut().set_locked(&chosen, true);
+            }
+            KeyCode::F1 => self.toggle_panel(Panel::Help),
+            KeyCode::F2 => self.toggle_panel(Panel::Scene),
+            KeyCode::F3 => self.toggle_panel(Panel::Properties),
+            KeyCode::F4 => self.toggle_panel(Panel::View),
+            KeyCode::F5 => self.toggle_panel(Panel::Cameras),
+            KeyCode::F6 => self.toggle_panel(Panel::History),
+            KeyCode::F7 => self.toggle_panel(Panel::Statistics),
             KeyCode::KeyG => {
                 self.let_go()?;
                 let (editor, scene) = self.session.viewer.editor_and_scene();
@@ -209,7 +234,7 @@ impl Live {
             KeyCode::PageDown => step(&mut self.camera.data_views, 1, &mut self.camera.navigator, &mut self.hud),
             KeyCode::PageUp => step(&mut self.camera.data_views, -1, &mut self.camera.navigator, &mut self.hud),
             KeyCode::KeyV => step(&mut self.camera.kept, 1, &mut self.camera.navigator, &mut self.hud),
-            KeyCode::KeyC => self.keep_camera(),
+            KeyCode::KeyC => self.keep_camera()?,
             KeyCode::KeyP => self.record_path(),
             KeyCode::F11 => {
                 let full = self.screen.window.fullscreen().is_none();

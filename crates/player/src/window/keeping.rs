@@ -2,12 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+
 use super::Live;
+use crate::actions::Action;
+use crate::error::PlayerError;
 use crate::hud::Hud;
 use crate::navigation::Navigator;
 use crate::recording::{PATH_FPS, Recording};
 use instgs_io::{read_cameras, write_cameras};
 use instgs_vk::scene::Camera;
+use instgs_vk::scene::edit::{Footprint, footprint, instance_centres};
+
+/// Height of the small picture of a kept camera, pixels.
+const THUMBNAIL_PX: u32 = 108;
 
 /// Cameras to step through.
 #[derive(Default)]
@@ -19,20 +27,104 @@ pub(super) struct CameraList {
 
 impl Live {
     /// Keeps the camera, in memory and in a camera file beside the scene.
-    pub(super) fn keep_camera(&mut self) {
+    pub(super) fn keep_camera(&mut self) -> Result<(), PlayerError> {
         let path = cameras_path(&self.session.path);
         if let (true, true, Err(error)) = (self.camera.kept.list.is_empty(), path.exists(), read_cameras(&path)) {
             self.hud.message = Some(format!("{error}; the file is not overwritten"));
-            return;
+            return Ok(());
         }
         let mut camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
         camera.name = format!("{:03}", self.camera.kept.list.len());
+        let thumbnail = self.thumbnail(&camera.name)?;
+        self.hud.cameras.thumbnails.resize(self.camera.kept.list.len(), None);
+        self.hud.cameras.thumbnails.push(thumbnail);
         self.camera.kept.list.push(camera);
         self.camera.kept.at = None;
         self.hud.message = Some(match write_cameras(&path, &self.camera.kept.list) {
             Ok(()) => format!("camera {} saved to {}", self.camera.kept.list.len(), path.display()),
             Err(error) => error.to_string(),
         });
+        Ok(())
+    }
+
+    /// The last frame as a small picture; none before the first.
+    fn thumbnail(&mut self, name: &str) -> Result<Option<egui::TextureHandle>, PlayerError> {
+        let Some([width, height]) = self.session.viewer.size_px() else { return Ok(None) };
+        let rgb = self.session.viewer.rgb8()?;
+        let step = height.div_ceil(THUMBNAIL_PX).max(1);
+        let size = [width / step, height / step].map(|side| side.max(1) as usize);
+        let pixel = |k: usize| {
+            let (x, y) = (k % size[0] * step as usize, k / size[0] * step as usize);
+            let at = 3 * (y * width as usize + x);
+            egui::Color32::from_rgb(rgb[at], rgb[at + 1], rgb[at + 2])
+        };
+        let pixels = (0..size[0] * size[1]).map(pixel).collect();
+        let image = egui::ColorImage::new(size, pixels);
+        Ok(Some(self.screen.ui.egui_ctx().load_texture(name, image, egui::TextureOptions::LINEAR)))
+    }
+
+    /// Carries out an action on the camera or on kept cameras.
+    pub(super) fn act_on_camera(&mut self, action: &Action) -> Result<(), PlayerError> {
+        match action {
+            Action::Frame => self.frame_chosen(),
+            Action::LookAlong(along) => self.look_along(*along, self.camera.navigator.distance()),
+            Action::FirstView => self.camera.navigator = self.camera.home.clone(),
+            Action::KeepCamera => self.keep_camera()?,
+            Action::ShowKept(k) => {
+                if let Some(camera) = self.camera.kept.list.get(*k) {
+                    self.camera.navigator.stand_at(camera);
+                    self.camera.kept.at = Some(*k);
+                }
+            }
+            Action::RemoveKept(k) if *k < self.camera.kept.list.len() => {
+                self.camera.kept.list.remove(*k);
+                self.camera.kept.at = None;
+                if *k < self.hud.cameras.thumbnails.len() {
+                    self.hud.cameras.thumbnails.remove(*k);
+                }
+                let path = cameras_path(&self.session.path);
+                self.hud.message = write_cameras(&path, &self.camera.kept.list).err().map(|error| error.to_string());
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Moves the camera back or forth, and sideways, until the selection fills most of the view.
+    fn frame_chosen(&mut self) {
+        let (scene, editor) = (self.session.viewer.scene(), self.session.viewer.editor());
+        let Some(centre) = editor.chosen_centre(scene) else {
+            self.hud.message = Some(crate::texts::NOTHING_SELECTED.into());
+            return;
+        };
+        let [_, _, up] = self.camera.navigator.level_axes();
+        let centres = instance_centres(scene, editor.chosen().iter().copied());
+        let reach = |(&k, middle): (&usize, &DVec3)| {
+            let Footprint { extent, .. } = footprint(scene, k, up);
+            middle.distance(centre) + extent[0].max(extent[1])
+        };
+        let radius = editor.chosen().iter().zip(&centres).map(reach).fold(0.0, f64::max);
+        let navigator = &mut self.camera.navigator;
+        navigator.focus(centre);
+        if radius > 0.0 {
+            let distance = radius / (0.5 * navigator.fov_y()).sin();
+            let along = (centre - navigator.eye()).normalize_or(DVec3::X);
+            self.look_along(along, distance);
+        }
+    }
+
+    /// Looks at the present target along a direction from a distance, world units.
+    fn look_along(&mut self, along: DVec3, distance: f64) {
+        let size = self.screen.swapchain.size_px();
+        let navigator = &mut self.camera.navigator;
+        let ([_, ahead, up], target) = (navigator.level_axes(), navigator.target());
+        let along = along.normalize_or(ahead);
+        let vertical = along.dot(up).abs() > 0.999;
+        let eye = target - distance * along;
+        let upwards = if vertical { ahead } else { up };
+        let camera = Camera::look_at("view", eye, target, upwards, navigator.fov_y(), (size[0].max(1), size[1].max(1)));
+        navigator.stand_at(&camera);
+        navigator.aim_at(target);
     }
 
     /// Starts recording the camera path, or ends it and writes the path beside the scene.

@@ -15,17 +15,19 @@ use super::keeping::{CameraList, kept_cameras};
 use super::parts::{CameraState, Interaction, Pacing, Playback, Screen, Session};
 use super::{Live, WindowJob, window_error};
 use crate::error::PlayerError;
-use crate::hud::Hud;
+use crate::hud::{CameraPanel, Hud};
+use crate::hud_edit::EditPanel;
 use crate::navigation::{Navigator, vertical_of};
+use crate::recent::Recent;
 use crate::scene_viewer::SceneViewer;
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
 use crate::views::View;
-use instgs_io::{IoError, load_scene};
+use instgs_io::{IoError, load_scene, read_cameras};
 use instgs_vk::gpu::{Gpu, GpuOptions};
 use instgs_vk::render::Show;
-use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Camera, InstancedScene};
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
@@ -48,7 +50,7 @@ impl Live {
                 validation_message: None,
             },
             screen,
-            hud: Hud { visible: job.frames.is_none(), message: None },
+            hud: Hud::new(job.frames.is_none()),
             camera: CameraState {
                 home: navigator.clone(),
                 navigator,
@@ -59,7 +61,9 @@ impl Live {
             },
             input: Interaction::default(),
             pacing: Pacing::new(job.budget_ms),
+            recent: Recent::open(job.frames.is_some() || !job.script.is_empty()),
             playback: Playback { script: std::mem::take(&mut job.script), waited: 0 },
+            work: None,
         };
         live.input.controls.per_point = live.screen.window.scale_factor();
         let scene = std::mem::replace(&mut job.scene, Ok((InstancedScene::default(), 0)));
@@ -82,11 +86,12 @@ impl Live {
         let viewer = SceneViewer::reopened(&gpu, self.session.viewer)?;
         let reopened = Some(Instant::now());
         self.pacing.last_shown = None;
-        let hud = Hud { message: Some(format!("{reason}; drawing continues on a reopened device")), ..self.hud };
+        // Pictures of the old device are gone with its textures.
+        self.hud.cameras = CameraPanel::default();
+        self.hud.message = Some(format!("{reason}; drawing continues on a reopened device"));
         Ok(Self {
             session: Session { viewer, gpu, reopened, validation_message, ..self.session },
             screen: Screen { next_mode, ..screen },
-            hud,
             ..self
         })
     }
@@ -106,7 +111,10 @@ impl Live {
         };
         let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.camera.data_views.list)));
         self.camera.home = Navigator::around(&orbit);
-        if let Some(camera) = self.camera.data_views.list.first() {
+        let taken = || cameras_of_run(&self.session.path);
+        let (data, kept) = (self.camera.data_views.list.first(), self.camera.kept.list.first());
+        if let Some(camera) = data.or(kept).cloned().or_else(taken) {
+            let camera = &camera;
             self.camera.home.stand_at(camera);
             self.camera.home.aim_at(orbit.center);
         }
@@ -117,6 +125,7 @@ impl Live {
             options.show = View::Depth.show(orbit.distance);
         }
         self.input.editing = Editing::default();
+        (self.hud.edit, self.hud.cameras) = (EditPanel::default(), CameraPanel::default());
         self.stop_search();
         self.input.boxing = Boxing::default();
         (self.camera.recording, self.pacing.refine_at, self.input.warned) = (None, None, None);
@@ -124,7 +133,10 @@ impl Live {
         self.pacing.clock.clear();
         self.session.has_scene = false;
         match self.session.viewer.open(scene, options) {
-            Ok(()) => self.session.has_scene = true,
+            Ok(()) => {
+                self.session.has_scene = true;
+                self.recent.note(&self.session.path);
+            }
             Err(error) if error.is_lost() => return Err(error),
             // The scene does not fit this device; the next file may.
             Err(error) => self.hud.message = Some(error.to_string()),
@@ -132,7 +144,7 @@ impl Live {
         Ok(())
     }
 
-    /// Opens a file that was dropped on the window; errors are displayed in the window.
+    /// Opens a file; errors are displayed in the window.
     pub(super) fn open_file(&mut self, path: &Path, job: &WindowJob) -> Result<(), PlayerError> {
         let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes));
         if loaded.is_ok() {
@@ -145,6 +157,13 @@ impl Live {
         }
         self.take_scene(loaded, job)
     }
+}
+
+/// The first training camera of the run folder that a scene is in, if it is in one.
+fn cameras_of_run(scene: &Path) -> Option<Camera> {
+    let file = scene.with_file_name("cameras.json");
+    let cameras = file.exists().then(|| read_cameras(&file).ok()).flatten()?;
+    cameras.into_iter().next()
 }
 
 /// Opens a device for a window, and makes its swapchain and the painter of the overlay.
@@ -161,6 +180,9 @@ fn open_device(window: Arc<Window>, job: &WindowJob, mode: PresentMode) -> Resul
     let scale = window.scale_factor() as f32;
     let ctx = egui::Context::default();
     // Each blink would redraw the scene.
+    let mut fonts = egui::FontDefinitions::default();
+    egui_phosphor::add_to_fonts(&mut fonts, egui_phosphor::Variant::Regular);
+    ctx.set_fonts(fonts);
     ctx.all_styles_mut(|style| style.visuals.text_cursor.blink = false);
     let ui = egui_winit::State::new(ctx, egui::ViewportId::ROOT, &*window, Some(scale), None, None);
     Ok((gpu, Screen { painter, swapchain, ui, window, next_mode: None }))

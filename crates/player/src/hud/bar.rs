@@ -1,0 +1,116 @@
+//! The tool bar: icons with their keys as tool tips, and the frame rate.
+
+use egui::{Align2, Context, Frame, RichText, Ui};
+use egui_phosphor::regular as icon;
+
+use super::{Facts, GAP, OpenPanels};
+use crate::actions::{Action, Panel};
+use crate::gizmo::GizmoMode;
+use crate::texts;
+
+/// Size of the icons, points.
+const ICON: f32 = 18.0;
+/// Width of the bar of progress, points.
+const PROGRESS: f32 = 220.0;
+
+/// Lays out the bar.
+pub(super) fn lay_out(ctx: &Context, facts: &Facts<'_>, panels: &mut OpenPanels, actions: &mut Vec<Action>) {
+    let tools = egui::Area::new("tools".into()).anchor(Align2::LEFT_TOP, [GAP, GAP]).show(ctx, |ui| {
+        Frame::popup(ui.style()).show(ui, |ui| {
+            ui.horizontal_wrapped(|ui| {
+                ui.spacing_mut().item_spacing.x = 2.0;
+                tools(ui, facts, panels, actions);
+            });
+        });
+    });
+    let taken = tools.response.rect;
+    egui::Area::new("rate".into()).anchor(Align2::RIGHT_TOP, [-GAP, GAP]).show(ctx, |ui| {
+        let text = rate(facts);
+        // Beside the tools only where it does not cover them.
+        if taken.right() + 160.0 < ctx.content_rect().right() {
+            Frame::popup(ui.style()).show(ui, |ui| ui.add(egui::Label::new(text).extend()));
+        }
+    });
+}
+
+fn tools(ui: &mut Ui, facts: &Facts<'_>, panels: &mut OpenPanels, actions: &mut Vec<Action>) {
+    let [undo, redo] = facts.editor.steps();
+    let mut button = |ui: &mut Ui, enabled: bool, on: bool, icon: &str, tip: &str, action: Action| {
+        let button = egui::Button::selectable(on, RichText::new(icon).size(ICON));
+        let response = ui.add_enabled(enabled, button).on_hover_text(tip);
+        response.widget_info(|| egui::WidgetInfo::selected(egui::WidgetType::Button, enabled, on, tip));
+        if response.clicked() {
+            actions.push(action);
+        }
+    };
+    let panel = Action::TogglePanel;
+    button(ui, true, panels.open, icon::FOLDER_OPEN, texts::OPEN_TIP, panel(Panel::Open));
+    button(ui, facts.work.is_none(), false, icon::FLOPPY_DISK, texts::SAVE_TIP, Action::Save);
+    button(ui, true, panels.save_as, icon::EXPORT, texts::SAVE_AS_TIP, panel(Panel::SaveAs));
+    ui.separator();
+    let undoes = undo > 0 || facts.editor.is_live();
+    button(ui, undoes, false, icon::ARROW_U_UP_LEFT, texts::UNDO_TIP, Action::Undo);
+    button(ui, redo > 0, false, icon::ARROW_U_UP_RIGHT, texts::REDO_TIP, Action::Redo);
+    ui.separator();
+    for (mode, icon, tip) in [
+        (GizmoMode::Off, icon::CURSOR, texts::SELECT_TIP),
+        (GizmoMode::Move, icon::ARROWS_OUT_CARDINAL, texts::MOVE_TIP),
+        (GizmoMode::Turn, icon::ARROWS_CLOCKWISE, texts::ROTATE_TIP),
+        (GizmoMode::Scale, icon::ARROWS_OUT, texts::SCALE_TIP),
+    ] {
+        button(ui, !facts.boxes, facts.mode == mode && !facts.boxes, icon, tip, Action::Mode(mode));
+    }
+    let chosen = !facts.editor.chosen().is_empty();
+    button(ui, chosen, false, icon::CROSSHAIR, texts::FRAME_TIP, Action::Frame);
+    button(ui, true, facts.boxes, icon::BOUNDING_BOX, texts::BOXES_TIP, Action::Boxes);
+    ui.separator();
+    for (which, icon, tip) in [
+        (Panel::Scene, icon::LIST_BULLETS, texts::SCENE_TIP),
+        (Panel::Properties, icon::SLIDERS_HORIZONTAL, texts::PROPERTIES_TIP),
+        (Panel::View, icon::EYE, texts::VIEW_TIP),
+        (Panel::Cameras, icon::CAMERA, texts::CAMERAS_TIP),
+        (Panel::History, icon::CLOCK_COUNTER_CLOCKWISE, texts::HISTORY_TIP),
+        (Panel::Statistics, icon::CHART_BAR, texts::STATISTICS_TIP),
+        (Panel::Help, icon::QUESTION, texts::HELP_TIP),
+    ] {
+        let on = *panels.flag(which);
+        button(ui, true, on, icon, tip, panel(which));
+    }
+}
+
+/// The frame rate, or that nothing moves.
+fn rate(facts: &Facts<'_>) -> String {
+    let reduced = match facts.scale {
+        scale if scale < 1.0 => format!(", {:.0} % of the pixels", 100.0 * scale.powi(2)),
+        _ => String::new(),
+    };
+    match facts.clock.rate() {
+        Some(rate) => {
+            let fps = 1e3 / rate.median_ms;
+            // Below ten, a whole number says too little.
+            let decimals = usize::from(fps < 9.95);
+            format!("{fps:.decimals$} FPS{reduced}")
+        }
+        None => "still".into(),
+    }
+}
+
+/// The work that runs beside the picture: its name, its progress, and a button that cancels it.
+pub(super) fn work(ctx: &Context, name: &str, progress: Option<f32>, actions: &mut Vec<Action>) {
+    egui::Area::new("work".into()).anchor(Align2::CENTER_BOTTOM, [0.0, -52.0]).show(ctx, |ui| {
+        Frame::popup(ui.style()).show(ui, |ui| {
+            ui.horizontal(|ui| {
+                match progress {
+                    Some(part) => drop(ui.add(egui::ProgressBar::new(part).desired_width(PROGRESS).text(name))),
+                    None => {
+                        ui.spinner();
+                        ui.label(name);
+                    }
+                }
+                if ui.button(texts::CANCEL).clicked() {
+                    actions.push(Action::CancelWork);
+                }
+            });
+        });
+    });
+}

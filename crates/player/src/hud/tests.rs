@@ -1,0 +1,188 @@
+//! Whether the panels fit the window, and what their buttons ask for.
+
+use egui::{Pos2, Rect, vec2};
+
+use super::*;
+use crate::resolution::Resolution;
+use instgs_samples::sample_scene;
+use instgs_vk::scene::trajectory::Orbit;
+
+/// The overlay of a window of a size in points, with its scene.
+struct Desk {
+    ctx: Context,
+    hud: Hud,
+    scene: InstancedScene,
+    editor: Editor,
+    navigator: Navigator,
+    size: egui::Vec2,
+}
+
+impl Desk {
+    fn new(size: egui::Vec2) -> Self {
+        let (ctx, scene) = (Context::default(), sample_scene());
+        let mut fonts = egui::FontDefinitions::default();
+        egui_phosphor::add_to_fonts(&mut fonts, egui_phosphor::Variant::Regular);
+        ctx.set_fonts(fonts);
+        let navigator = Navigator::around(&Orbit::around(&scene, None));
+        let mut hud = Hud::new(true);
+        hud.panels.properties = false;
+        Self { ctx, hud, scene, editor: Editor::default(), navigator, size }
+    }
+
+    /// Lays out a few frames, in which panels settle, and returns the shapes of the last.
+    fn settled(&mut self) -> Vec<egui::epaint::ClippedShape> {
+        let mut shapes = Vec::new();
+        for k in 0..6 {
+            let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, self.size));
+            let input = egui::RawInput { screen_rect, time: Some(0.5 * f64::from(k)), ..egui::RawInput::default() };
+            let Self { ctx, hud, scene, editor, navigator, .. } = self;
+            let (clock, stats, mut resolution) = (FrameClock::default(), FrameStats::default(), Resolution::default());
+            let (mut show, mut background, mut lod) = (Show::Color, [0.0; 3], 0.0);
+            let mut present = PresentMode::Fifo;
+            let output = ctx.run(input, |ctx| {
+                let facts = Facts {
+                    title: "room.instgs",
+                    device: "llvmpipe (LLVM 15.0.6, 256 bits)",
+                    size_px: [1280, 720],
+                    clock: &clock,
+                    stats: &stats,
+                    pixel_times: PixelTimes::default(),
+                    scene,
+                    editor,
+                    file_bytes: 4_800_000,
+                    device_bytes: [512 << 20, 300 << 20],
+                    scale: 1.0,
+                    up: DVec3::Z,
+                    step: 0.1,
+                    beside: DVec3::X,
+                    mode: GizmoMode::Move,
+                    file: "/scenes/room.instgs",
+                    kept: &[],
+                    recent: &["/scenes/room.instgs".into()],
+                    work: None,
+                    boxes: false,
+                };
+                let settings = Settings {
+                    navigator,
+                    show: &mut show,
+                    background: &mut background,
+                    present: &mut present,
+                    budget_ms: &mut resolution.budget_ms,
+                    lod_error_px: &mut lod,
+                };
+                assert_eq!(hud.lay_out(ctx, &facts, settings), []);
+            });
+            shapes = output.shapes;
+        }
+        shapes
+    }
+}
+
+/// Texts that are cut off by their panel or by the window, with what can be seen of them.
+fn cut_off(shapes: &[egui::epaint::ClippedShape], size: egui::Vec2) -> Vec<String> {
+    fn collect(shape: &egui::Shape, clip: Rect, out: &mut Vec<String>) {
+        match shape {
+            egui::Shape::Text(text) => {
+                let rect = text.galley.rect.translate(text.pos.to_vec2());
+                // A hair for rounding to pixels.
+                if !text.galley.text().trim().is_empty() && !clip.expand(1.0).contains_rect(rect) {
+                    out.push(format!("{:?} at {rect} in {clip}", text.galley.text()));
+                }
+            }
+            egui::Shape::Vec(shapes) => shapes.iter().for_each(|shape| collect(shape, clip, out)),
+            _ => {}
+        }
+    }
+    let (mut out, window) = (Vec::new(), Rect::from_min_size(Pos2::ZERO, size));
+    shapes.iter().for_each(|clipped| collect(&clipped.shape, clipped.clip_rect.intersect(window), &mut out));
+    out
+}
+
+const PANELS: [Panel; 8] = [
+    Panel::Help,
+    Panel::Scene,
+    Panel::View,
+    Panel::Cameras,
+    Panel::History,
+    Panel::Statistics,
+    Panel::Open,
+    Panel::SaveAs,
+];
+
+/// All texts, sorted: those that are scrolled out of a panel are not among the shapes.
+fn texts(shapes: &[egui::epaint::ClippedShape]) -> Vec<String> {
+    fn collect(shape: &egui::Shape, out: &mut Vec<String>) {
+        match shape {
+            egui::Shape::Text(text) => out.push(text.galley.text().to_owned()),
+            egui::Shape::Vec(shapes) => shapes.iter().for_each(|shape| collect(shape, out)),
+            _ => {}
+        }
+    }
+    let mut out = Vec::new();
+    shapes.iter().for_each(|clipped| collect(&clipped.shape, &mut out));
+    out.sort();
+    out
+}
+
+/// A window as wide, and higher than any panel.
+fn endless(size: egui::Vec2) -> egui::Vec2 {
+    vec2(size.x, 4000.0)
+}
+
+/// The shapes of one panel in a window of a size.
+fn shapes_of(panel: Panel, size: egui::Vec2) -> Vec<egui::epaint::ClippedShape> {
+    let mut desk = Desk::new(size);
+    *desk.hud.panels.flag(panel) = true;
+    if panel == Panel::Properties {
+        desk.editor.click(Some(0), false);
+    }
+    desk.settled()
+}
+
+/// Every text of every panel is seen, and seen whole, at 1280x720 and larger.
+#[test]
+fn nothing_is_cut_off() {
+    for size in [vec2(1280.0, 720.0), vec2(1920.0, 1080.0)] {
+        for panel in PANELS.into_iter().chain([Panel::Properties]) {
+            let shapes = shapes_of(panel, size);
+            assert_eq!(cut_off(&shapes, size), Vec::<String>::new(), "{panel:?} at {size}");
+            assert_eq!(texts(&shapes), texts(&shapes_of(panel, endless(size))), "{panel:?} at {size}");
+        }
+    }
+    // The test can fail: in a small window the help is scrolled.
+    let size = vec2(640.0, 360.0);
+    assert_ne!(texts(&shapes_of(Panel::Help, size)), texts(&shapes_of(Panel::Help, endless(size))));
+}
+
+/// On a screen of twice the pixels, 1280x720 are 640x360 points: panels stay inside the window, and their rest is scrolled.
+#[test]
+fn panels_stay_inside_small_windows() {
+    let size = vec2(640.0, 360.0);
+    for panel in PANELS {
+        let mut desk = Desk::new(size);
+        *desk.hud.panels.flag(panel) = true;
+        desk.settled();
+        let window = Rect::from_min_size(Pos2::ZERO, size);
+        let areas = desk.ctx.memory(|memory| {
+            let ids: Vec<egui::LayerId> = memory.areas().visible_layer_ids().into_iter().collect();
+            ids.into_iter().filter_map(|layer| memory.area_rect(layer.id)).collect::<Vec<Rect>>()
+        });
+        assert!(
+            areas.len() > 1 && areas.iter().all(|rect| window.expand(1.0).contains_rect(*rect)),
+            "{panel:?}: {areas:?}"
+        );
+    }
+}
+
+#[test]
+fn bytes_are_numbers_that_people_read() {
+    let want = [
+        (7, "7 B"),
+        (999, "999 B"),
+        (4_800_000, "4.8 MB"),
+        (99_960, "100 kB"),
+        (999_600, "1.0 MB"),
+        (3 << 30, "3.2 GB"),
+    ];
+    want.into_iter().for_each(|(bytes, text)| assert_eq!(readable(bytes), text));
+}

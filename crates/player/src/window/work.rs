@@ -1,0 +1,278 @@
+//! Work that takes long, beside the picture: files are written on a thread, frames into files one per picture. Both show their
+//! progress and can be cancelled.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
+
+use glam::{DQuat, DVec3};
+
+use super::Live;
+use crate::actions::Take;
+use crate::error::PlayerError;
+use crate::recording::{PATH_FPS, Recording};
+use instgs_io::{ExportFormat, export_scene, save_scene};
+use instgs_vk::scene::{Camera, InstancedScene};
+
+/// The work that runs.
+pub(super) struct Work {
+    name: String,
+    cancelled: Arc<AtomicBool>,
+    kind: Kind,
+}
+
+enum Kind {
+    /// A thread writes a file; what it sends is why it could not.
+    Write { done: Receiver<Result<(), String>>, to: PathBuf, saved_revision: Option<u64> },
+    /// Frames that are drawn one after another.
+    Draw(Drawing),
+}
+
+struct Drawing {
+    cameras: Vec<Camera>,
+    next: usize,
+    /// Where frames go, each under its camera's name; a single picture has a file of its own.
+    folder: PathBuf,
+    single: Option<PathBuf>,
+}
+
+impl Live {
+    /// Name and progress of the work, for the overlay.
+    pub(super) fn work_shown(&self) -> Option<(String, Option<f32>)> {
+        let work = self.work.as_ref()?;
+        let progress = match &work.kind {
+            Kind::Write { .. } => None,
+            Kind::Draw(drawing) => Some(drawing.next as f32 / drawing.cameras.len().max(1) as f32),
+        };
+        Some((work.name.clone(), progress))
+    }
+
+    /// Writes a copy of the present scene on a thread. A `.instgs` becomes the scene's own file.
+    pub(super) fn write_beside(&mut self, to: &Path) {
+        if !self.session.has_scene {
+            let path = self.session.path.display();
+            self.hud.message = Some(format!("{path} could not be opened, so there is nothing to save"));
+            return;
+        }
+        self.wait_for_writing();
+        let saves = to.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
+        let format = match ExportFormat::of(to, None) {
+            Ok(format) => format,
+            Err(error) => return self.hud.message = Some(error.to_string()),
+        };
+        let [_, _, up] = self.camera.navigator.level_axes();
+        let revision = self.session.viewer.editor_mut().revision();
+        let scene = self.session.viewer.scene().clone();
+        let (sender, done) = channel();
+        let cancelled = Arc::new(AtomicBool::new(false));
+        let job = Writing { scene, to: to.to_path_buf(), format, saves, up, cancelled: cancelled.clone() };
+        std::thread::spawn(move || drop(sender.send(job.run())));
+        let verb = if saves { "Saving" } else { "Exporting" };
+        let name = format!("{verb} {}", to.file_name().unwrap_or_default().to_string_lossy());
+        let kind = Kind::Write { done, to: to.to_path_buf(), saved_revision: saves.then_some(revision) };
+        self.work = Some(Work { name, cancelled, kind });
+    }
+
+    /// Cancels the work: a file that is being written never appears, frames that were drawn stay.
+    pub(super) fn cancel_work(&mut self) {
+        let Some(work) = self.work.take() else { return };
+        work.cancelled.store(true, Ordering::Relaxed);
+        self.hud.message = Some(format!("{} was cancelled", work.name));
+    }
+
+    /// Waits until a file is written; other work goes on.
+    pub(super) fn wait_for_writing(&mut self) {
+        while matches!(&self.work, Some(Work { kind: Kind::Write { .. }, .. })) {
+            self.note_written(Duration::from_secs(1));
+        }
+    }
+
+    /// Takes the result of a thread if it comes within a time.
+    fn note_written(&mut self, within: Duration) {
+        let Some(Work { kind: Kind::Write { done, to, saved_revision }, .. }) = &self.work else { return };
+        let result = match done.recv_timeout(within) {
+            Ok(result) => result,
+            Err(RecvTimeoutError::Timeout) => return,
+            Err(RecvTimeoutError::Disconnected) => Err("the thread that writes the file has failed".into()),
+        };
+        let (to, saved) = (to.clone(), *saved_revision);
+        self.work = None;
+        self.hud.message = Some(match (result, saved) {
+            (Err(reason), _) => reason,
+            (Ok(()), None) => format!("exported to {}", to.display()),
+            (Ok(()), Some(revision)) => {
+                self.session.viewer.editor_mut().saved_at(revision);
+                let text = format!("saved to {}", to.display());
+                self.recent.note(&to);
+                self.session.path = to;
+                text
+            }
+        });
+    }
+
+    /// Begins to draw frames into files beside the scene.
+    pub(super) fn draw_frames(&mut self, take: Take, size_px: [u32; 2], frames: u32) {
+        let navigator = &self.camera.navigator;
+        let now = navigator.camera(size_px);
+        let cameras = match take {
+            Take::Still => vec![now],
+            Take::Turntable => turntable(&now, navigator.target(), navigator.level_axes()[2], frames),
+            Take::AlongKept => along(&self.camera.kept.list, size_px, frames),
+        };
+        let single = (take == Take::Still).then(|| self.session.free_name("png"));
+        let folder = self.session.free_name("frames");
+        if let (None, Err(error)) = (&single, std::fs::create_dir_all(&folder)) {
+            return self.hud.message = Some(format!("{}: {error}", folder.display()));
+        }
+        let name = format!("{} frames of {} x {}", cameras.len(), size_px[0], size_px[1]);
+        let kind = Kind::Draw(Drawing { cameras, next: 0, folder, single });
+        self.work = Some(Work { name, cancelled: Arc::default(), kind });
+    }
+
+    /// Goes on with the work; true if the next picture should follow at once.
+    pub(super) fn go_on_working(&mut self) -> Result<bool, PlayerError> {
+        self.note_written(Duration::ZERO);
+        let Some(Work { kind: Kind::Draw(drawing), .. }) = &mut self.work else { return Ok(false) };
+        if let Some(camera) = drawing.cameras.get(drawing.next).cloned() {
+            let path =
+                drawing.single.clone().unwrap_or_else(|| drawing.folder.join(format!("{:05}.png", drawing.next)));
+            drawing.next += 1;
+            let drawn = self.session.viewer.draw(&camera).and_then(|()| self.session.viewer.screenshot(&path));
+            match drawn {
+                Err(error) if error.is_lost() => return Err(error),
+                Err(error) => {
+                    // Too large for the device, or for the disk.
+                    self.work = None;
+                    self.hud.message = Some(error.to_string());
+                }
+                Ok(()) => {}
+            }
+            return Ok(true);
+        }
+        let (single, folder, count) = (drawing.single.clone(), drawing.folder.clone(), drawing.cameras.len());
+        self.work = None;
+        match single {
+            Some(path) => self.hud.message = Some(format!("saved {}", path.display())),
+            None => self.encode(&folder, count),
+        }
+        Ok(true)
+    }
+
+    /// Makes a video of frames on a thread, where ffmpeg is on the machine.
+    fn encode(&mut self, folder: &Path, count: usize) {
+        let known = Command::new("ffmpeg").arg("-version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+        if !known.is_ok_and(|status| status.success()) {
+            let text = format!("{count} frames in {}; no video: ffmpeg is not installed", folder.display());
+            return self.hud.message = Some(text);
+        }
+        let (sender, done) = channel();
+        let cancelled = Arc::new(AtomicBool::new(false));
+        let (folder, to, stop) = (folder.to_path_buf(), folder.with_extension("mp4"), cancelled.clone());
+        let part = folder.with_extension("part.mp4");
+        let name = format!("Making {}", to.file_name().unwrap_or_default().to_string_lossy());
+        let kind = Kind::Write { done, to: to.clone(), saved_revision: None };
+        std::thread::spawn(move || drop(sender.send(video(&folder, &part, &to, &stop))));
+        self.work = Some(Work { name, cancelled, kind });
+    }
+}
+
+/// A file that a thread writes.
+struct Writing {
+    scene: InstancedScene,
+    to: PathBuf,
+    format: ExportFormat,
+    saves: bool,
+    up: DVec3,
+    cancelled: Arc<AtomicBool>,
+}
+
+impl Writing {
+    /// Writes under a temporary name, and renames unless the user has cancelled.
+    fn run(self) -> Result<(), String> {
+        let ending = self.to.extension().unwrap_or_default().to_string_lossy().into_owned();
+        let part = self.to.with_extension(format!("{}.part.{ending}", std::process::id()));
+        let done = if self.saves {
+            save_scene(&part, &self.scene)
+        } else {
+            export_scene(&part, &self.scene, self.format, self.up).map(drop)
+        };
+        // Its errors name the temporary file.
+        let named = |text: String| text.replace(&part.display().to_string(), &self.to.display().to_string());
+        done.map_err(|error| named(error.to_string()))?;
+        finish_file(&part, &self.to, &self.cancelled)
+    }
+}
+
+/// Gives a complete file its name, or removes it if the user has cancelled.
+fn finish_file(part: &Path, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
+    if cancelled.load(Ordering::Relaxed) {
+        let _ = std::fs::remove_file(part);
+        return Err("cancelled".into());
+    }
+    std::fs::rename(part, to).map_err(|error| format!("{}: cannot write: {error}", to.display()))
+}
+
+/// Runs ffmpeg on numbered frames.
+fn video(folder: &Path, part: &Path, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.args(["-y", "-loglevel", "error", "-framerate", &PATH_FPS.to_string(), "-i"]).arg(folder.join("%05d.png"));
+    // Players want even sides and this format.
+    ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]).arg(part);
+    let output = ffmpeg.stdin(Stdio::null()).output().map_err(|error| format!("ffmpeg: {error}"))?;
+    if !output.status.success() {
+        let reason = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("ffmpeg: {}", reason.lines().last().unwrap_or("failed")));
+    }
+    finish_file(part, to, cancelled)
+}
+
+/// Cameras on a circle about the up axis through the target, starting with one.
+fn turntable(first: &Camera, target: DVec3, up: DVec3, frames: u32) -> Vec<Camera> {
+    let fov_y = 2.0 * (0.5 * f64::from(first.height) / first.fy).atan();
+    let from = first.position_world() - target;
+    let camera = |k: u32| {
+        let turn = DQuat::from_axis_angle(up, std::f64::consts::TAU * f64::from(k) / f64::from(frames));
+        Camera::look_at(&format!("{k:05}"), target + turn * from, target, up, fov_y, (first.width, first.height))
+    };
+    (0..frames).map(camera).collect()
+}
+
+/// Cameras at equal times from kept camera to kept camera.
+fn along(kept: &[Camera], [width, height]: [u32; 2], frames: u32) -> Vec<Camera> {
+    let seconds = f64::from(frames.max(2) - 1) / PATH_FPS;
+    let step = seconds / (kept.len().max(2) - 1) as f64;
+    let mut recording = Recording::default();
+    kept.iter().enumerate().for_each(|(k, camera)| recording.push(k as f64 * step, camera.resized(width, height)));
+    recording.cameras()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turntable_closes_and_a_path_ends_where_it_should() {
+        let first = Camera::look_at("a", DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z, 0.8, (160, 90));
+        let circle = turntable(&first, DVec3::ZERO, DVec3::Z, 4);
+        assert!(circle[0].position_world().distance(first.position_world()) < 1e-9 && circle[0].fy == first.fy);
+        assert!(circle[2].position_world().distance(DVec3::new(-3.0, 0.0, 1.0)) < 1e-9);
+        let path = along(&circle[..3], [64, 36], 11);
+        assert_eq!((path.len(), path[0].width), (11, 64));
+        assert!(path[10].position_world().distance(circle[2].position_world()) < 1e-6);
+        assert!(path[5].position_world().distance(circle[1].position_world()) < 1e-6);
+    }
+
+    #[test]
+    fn what_is_cancelled_leaves_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let (part, to) = (folder.path().join("a.part.ply"), folder.path().join("a.ply"));
+        for (cancelled, exists) in [(true, false), (false, true)] {
+            std::fs::write(&part, "x").unwrap();
+            assert_eq!(finish_file(&part, &to, &AtomicBool::new(cancelled)).is_ok(), exists);
+            assert!(to.exists() == exists && !part.exists());
+        }
+    }
+}
