@@ -3,7 +3,7 @@
 //
 // - Reads, per chunk of source Gaussians, its template's instances in order; for each the work item of that chunk, if
 //   it was not culled (`instance_chunks`, `candidate_offsets`, `candidate_visible`, `work_offsets`), and there 72 bytes
-//   per Gaussian. Background Gaussians have one instance.
+//   per Gaussian, of which 24 twice more for SH. Background Gaussians have one instance.
 // - Writes gradients by mean, quaternion (not normalised), log scales, logit and the active SH bands: 44 + 12 (degree +
 //   1)^2 bytes; adds to `screen_statistics` (the input of densification) and, where instances may get own Gaussians, to
 //   `record_statistics`. Instances that share a record share its sums.
@@ -78,35 +78,29 @@ struct Sums {
     vec3 log_scales;
     float opacity_logit;
     vec3 statistics;
-    vec3 sh[16];
 };
 
-// Adds a colour gradient to the SH coefficients, by the basis at `dir`: INRIA order and signs.
-void add_sh(inout vec3 sh[16], vec3 dir, vec3 by_color, uint degree) {
+// SH coefficients are summed in two walks over the instances, bands 0 to 2 and band 3: the sums of all at once would leave
+// room for few subgroups.
+const uint LOW_COEFFICIENTS = 9;
+const uint BAND_3_COEFFICIENTS = 7;
+
+// Values of the SH basis of bands 0 to 2 at `dir`: INRIA order and signs.
+float[LOW_COEFFICIENTS] low_basis(vec3 dir) {
     float x = dir.x, y = dir.y, z = dir.z;
     float xx = x * x, yy = y * y, zz = z * z;
-    sh[0] += 0.28209479177387814 * by_color;
-    if (degree > 0) {
-        sh[1] += -0.4886025119029199 * y * by_color;
-        sh[2] += 0.4886025119029199 * z * by_color;
-        sh[3] += -0.4886025119029199 * x * by_color;
-    }
-    if (degree > 1) {
-        sh[4] += 1.0925484305920792 * x * y * by_color;
-        sh[5] += -1.0925484305920792 * y * z * by_color;
-        sh[6] += 0.31539156525252005 * (2.0 * zz - xx - yy) * by_color;
-        sh[7] += -1.0925484305920792 * x * z * by_color;
-        sh[8] += 0.5462742152960396 * (xx - yy) * by_color;
-    }
-    if (degree > 2) {
-        sh[9] += -0.5900435899266435 * y * (3.0 * xx - yy) * by_color;
-        sh[10] += 2.890611442640554 * x * y * z * by_color;
-        sh[11] += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * by_color;
-        sh[12] += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * by_color;
-        sh[13] += -0.4570457994644658 * x * (4.0 * zz - xx - yy) * by_color;
-        sh[14] += 1.445305721320277 * z * (xx - yy) * by_color;
-        sh[15] += -0.5900435899266435 * x * (xx - 3.0 * yy) * by_color;
-    }
+    return float[](0.28209479177387814, -0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x,
+                   1.0925484305920792 * x * y, -1.0925484305920792 * y * z, 0.31539156525252005 * (2.0 * zz - xx - yy),
+                   -1.0925484305920792 * x * z, 0.5462742152960396 * (xx - yy));
+}
+
+float[BAND_3_COEFFICIENTS] band_3_basis(vec3 dir) {
+    float x = dir.x, y = dir.y, z = dir.z;
+    float xx = x * x, yy = y * y, zz = z * z;
+    return float[](-0.5900435899266435 * y * (3.0 * xx - yy), 2.890611442640554 * x * y * z,
+                   -0.4570457994644658 * y * (4.0 * zz - xx - yy), 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+                   -0.4570457994644658 * x * (4.0 * zz - xx - yy), 1.445305721320277 * z * (xx - yy),
+                   -0.5900435899266435 * x * (xx - 3.0 * yy));
 }
 
 // dL/dlog_scales and dL/dquat from the symmetric dL/dcovariance: cov = sum of sigma_i^2 r_i r_i^T over the columns r_i.
@@ -145,16 +139,65 @@ void add_shape(inout Sums sums, Instance instance, uint local, SourceGradient g)
     if (OFFSET_QUATS != 0) offset_quat_gradients[instance.first_offset + local] = by_quat;
 }
 
-// Writes the gradient by an instance's offsets of SH coefficients above 0, up to `degree`.
-void write_sh_rest(Instance instance, uint local, SourceGradient g, uint degree) {
-    vec3 sh[16];
-    [[unroll]] for (uint c = 0; c < 16; ++c) sh[c] = vec3(0.0);
-    add_sh(sh, g.direction, g.color, degree);
-    uint rest = (instance.sh_degree + 1) * (instance.sh_degree + 1) - 1;
-    uint first = (instance.first_offset + local) * rest;
-    [[unroll]] for (uint c = 1; c < 16; ++c) {
-        if (c < (degree + 1) * (degree + 1)) offset_sh_rest_gradients[first + c - 1] = sh[c];
+// First offset coefficient above band 0 of an instance's Gaussian.
+uint first_rest(Instance instance, uint local) {
+    return (instance.first_offset + local) * ((instance.sh_degree + 1) * (instance.sh_degree + 1) - 1);
+}
+
+// True if the gradient by the instance's offsets of SH coefficients above 0 is to be written.
+bool has_rest(uint instance) {
+    if (OFFSET_SH_REST == 0) return false;
+    return instances[instance].first_offset != NO_OFFSET;
+}
+
+// Gradients by bands 0 to 2.
+void gather_low_bands(SourceChunk chunk, uint local, uint degree) {
+    vec3 sums[LOW_COEFFICIENTS];
+    [[unroll]] for (uint k = 0; k < LOW_COEFFICIENTS; ++k) sums[k] = vec3(0.0);
+    for (uint i = 0; i < chunk.instance_count; ++i) {
+        uint instance = instance_from_template[chunk.first_instance + i];
+        uint w = work_item_of(instance, chunk.chunk);
+        if (w != NO_WORK_ITEM) {
+            vec3 color = source_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].color;
+            float basis[LOW_COEFFICIENTS] = low_basis(source_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].direction);
+            [[unroll]] for (uint k = 0; k < LOW_COEFFICIENTS; ++k) sums[k] += basis[k] * color;
+            if (has_rest(instance)) {
+                uint first = first_rest(instances[instance], local);
+                [[unroll]] for (uint k = 1; k < LOW_COEFFICIENTS; ++k) {
+                    if (k < (degree + 1) * (degree + 1)) offset_sh_rest_gradients[first + k - 1] = basis[k] * color;
+                }
+            }
+        }
     }
+    sh0_gradients[chunk.first_source + local] = sums[0];
+    if (degree > 0) {
+        uint k = 3 * (chunk.first_in_band[0] + local);
+        [[unroll]] for (uint m = 0; m < 3; ++m) sh1_gradients[k + m] = sums[1 + m];
+    }
+    if (degree > 1) {
+        uint k = 5 * (chunk.first_in_band[1] + local);
+        [[unroll]] for (uint m = 0; m < 5; ++m) sh2_gradients[k + m] = sums[4 + m];
+    }
+}
+
+void gather_band_3(SourceChunk chunk, uint local) {
+    vec3 sums[BAND_3_COEFFICIENTS];
+    [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) sums[k] = vec3(0.0);
+    for (uint i = 0; i < chunk.instance_count; ++i) {
+        uint instance = instance_from_template[chunk.first_instance + i];
+        uint w = work_item_of(instance, chunk.chunk);
+        if (w != NO_WORK_ITEM) {
+            vec3 color = source_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].color;
+            float basis[BAND_3_COEFFICIENTS] = band_3_basis(source_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].direction);
+            [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) sums[k] += basis[k] * color;
+            if (has_rest(instance)) {
+                uint first = first_rest(instances[instance], local) + LOW_COEFFICIENTS - 1;
+                [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) offset_sh_rest_gradients[first + k] = basis[k] * color;
+            }
+        }
+    }
+    uint k = 7 * (chunk.first_in_band[2] + local);
+    [[unroll]] for (uint m = 0; m < BAND_3_COEFFICIENTS; ++m) sh3_gradients[k + m] = sums[m];
 }
 
 void main() {
@@ -172,7 +215,6 @@ void main() {
     sums.quat = vec4(0.0);
     sums.log_scales = vec3(0.0);
     sums.opacity_logit = 0.0;
-    [[unroll]] for (uint k = 0; k < 16; ++k) sums.sh[k] = vec3(0.0);
     for (uint i = 0; i < chunk.instance_count; ++i) {
         uint instance = instance_from_template[chunk.first_instance + i];
         uint w = work_item_of(instance, chunk.chunk);
@@ -187,9 +229,7 @@ void main() {
             if (OWN_MAY_GROW != 0 && instances[instance].first_offset != NO_OFFSET) {
                 record_statistics[instances[instance].first_offset + local] += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
             }
-            add_sh(sums.sh, g.direction, g.color, degree);
             if (own_shapes()) add_shape(sums, instances[instance], local, g);
-            if (OFFSET_SH_REST != 0 && instances[instance].first_offset != NO_OFFSET) write_sh_rest(instances[instance], local, g, degree);
         }
     }
     vec4 by_quat = sums.quat;
@@ -201,19 +241,8 @@ void main() {
     quat_gradients[source] = by_quat;
     log_scale_gradients[source] = by_log_scales;
     opacity_logit_gradients[source] = sums.opacity_logit;
-    sh0_gradients[source] = sums.sh[0];
-    if (degree > 0) {
-        uint k = 3 * (chunk.first_in_band[0] + local);
-        [[unroll]] for (uint m = 0; m < 3; ++m) sh1_gradients[k + m] = sums.sh[1 + m];
-    }
-    if (degree > 1) {
-        uint k = 5 * (chunk.first_in_band[1] + local);
-        [[unroll]] for (uint m = 0; m < 5; ++m) sh2_gradients[k + m] = sums.sh[4 + m];
-    }
-    if (degree > 2) {
-        uint k = 7 * (chunk.first_in_band[2] + local);
-        [[unroll]] for (uint m = 0; m < 7; ++m) sh3_gradients[k + m] = sums.sh[9 + m];
-    }
     vec3 before = screen_statistics[source];
     screen_statistics[source] = vec3(before.xy + sums.statistics.xy, max(before.z, sums.statistics.z));
+    gather_low_bands(chunk, local, degree);
+    if (degree > 2) gather_band_3(chunk, local);
 }

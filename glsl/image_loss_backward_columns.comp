@@ -12,7 +12,7 @@
 #include "numbers.glsl"
 #include "image_loss.glsl"
 
-layout(scalar, binding = 0) readonly buffer RowGradients { SsimGradient row_gradients[]; };  // derivatives of SSIM, windowed along rows
+layout(scalar, binding = 0) readonly buffer RowGradients { vec3 row_gradients[]; };               // derivatives of SSIM, windowed along rows, by channel and pixel
 layout(scalar, binding = 1) readonly buffer Colors { vec4 colors[]; };                       // the picture: rgb over the background, and alpha
 layout(scalar, binding = 2) readonly buffer Targets { uint targets[]; };                     // the target, RGBA of 8 bits
 layout(scalar, binding = 3) writeonly buffer Cotangents { vec4 cotangents[]; };              // gradient of the loss by rgb, and 0 for alpha
@@ -27,35 +27,34 @@ void main() {
     uint x = thread_index() % size_px.x;
     uint first = (thread_index() / size_px.x) * STRIP;
     if (first >= size_px.y) return;
-    SsimGradient sums[STRIP];
-    [[unroll]] for (uint k = 0; k < STRIP; ++k) sums[k] = SsimGradient(vec3(0.0), vec3(0.0), vec3(0.0));
-    [[unroll]] for (int tap = -int(WINDOW_RADIUS); tap < int(STRIP + WINDOW_RADIUS); ++tap) {
-        int y = int(first) + tap;
-        float inside = y >= 0 && y < int(size_px.y) ? 1.0 : 0.0;
-        SsimGradient g = row_gradients[uint(clamp(y, 0, int(size_px.y) - 1)) * size_px.x + x];
-        [[unroll]] for (int k = 0; k < int(STRIP); ++k) {
-            if (abs(tap - k) <= int(WINDOW_RADIUS)) {
-                float w = inside * window_weight(tap - k);
-                sums[k].x += w * g.x;
-                sums[k].xx += w * g.xx;
-                sums[k].xy += w * g.xy;
-            }
-        }
-    }
+    uint pixels = size_px.x * size_px.y;
     float per_value = 1.0 / (3.0 * float(size_px.x) * float(size_px.y));
     vec2 errors = vec2(0.0);
-    [[unroll]] for (uint k = 0; k < STRIP; ++k) {
-        uint i = min(first + k, size_px.y - 1) * size_px.x + x;
-        ColorPair pair = color_pair(colors[i], targets[i], background);
-        vec3 a = pair.picture, b = pair.target;
-        vec3 l1 = sign(a - b);
-        vec3 ssim = sums[k].x + 2.0 * (a - SHIFT) * sums[k].xx + (b - SHIFT) * sums[k].xy;
-        vec3 g = per_value * ((1.0 - lambda_dssim) * l1 - lambda_dssim * ssim);
-        bool counts = first + k < size_px.y;
-        bool ignored = targets[i] >> 24 == 0;
-        vec3 error = counts ? abs(a - b) : vec3(0.0);
-        errors += vec2(error.r + error.g + error.b, dot(error, error));
-        if (counts) cotangents[i] = vec4(ignored ? vec3(0.0) : g, 0.0);
+    [[dont_unroll]] for (uint channel = 0; channel < CHANNELS; ++channel) {
+        vec3 sums[STRIP];
+        [[unroll]] for (uint k = 0; k < STRIP; ++k) sums[k] = vec3(0.0);
+        [[unroll]] for (int tap = -int(WINDOW_RADIUS); tap < int(STRIP + WINDOW_RADIUS); ++tap) {
+            int y = int(first) + tap;
+            bool inside = y >= 0 && y < int(size_px.y);
+            uint i = channel * pixels + uint(clamp(y, 0, int(size_px.y) - 1)) * size_px.x + x;
+            vec3 gradient = mix(vec3(0.0), row_gradients[i], bvec3(inside));
+            [[unroll]] for (int k = 0; k < int(STRIP); ++k) {
+                if (abs(tap - k) <= int(WINDOW_RADIUS)) sums[k] += window_weight(tap - k) * gradient;
+            }
+        }
+        [[unroll]] for (uint k = 0; k < STRIP; ++k) {
+            uint i = min(first + k, size_px.y - 1) * size_px.x + x;
+            uint rgba = targets[i];
+            ColorPair pair = color_pair(colors[i][channel], rgba, channel, background[channel]);
+            float a = pair.picture, b = pair.target;
+            float ssim = dot(sums[k], vec3(1.0, 2.0 * (a - SHIFT), b - SHIFT));
+            float g = per_value * ((1.0 - lambda_dssim) * sign(a - b) - lambda_dssim * ssim);
+            bool counts = first + k < size_px.y;
+            float error = counts ? abs(a - b) : 0.0;
+            errors += vec2(error, error * error);
+            if (counts) cotangents[i][channel] = rgba >> 24 == 0 ? 0.0 : g;
+            if (counts && channel == 0) cotangents[i].a = 0.0;
+        }
     }
     error_sums[thread_index()] = errors;
 }

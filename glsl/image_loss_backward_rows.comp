@@ -12,8 +12,8 @@
 #include "counters.glsl"
 #include "image_loss.glsl"
 
-layout(scalar, binding = 0) readonly buffer SsimGradients { SsimGradient ssim_gradients[]; };          // derivatives of SSIM, by pixel
-layout(scalar, binding = 1) writeonly buffer RowGradients { SsimGradient row_gradients[]; };  // derivatives of SSIM, windowed along the row
+layout(scalar, binding = 0) readonly buffer SsimGradients { vec3 ssim_gradients[]; };      // derivatives of SSIM, by channel and pixel
+layout(scalar, binding = 1) writeonly buffer RowGradients { vec3 row_gradients[]; };  // the same, windowed along the row
 layout(scalar, push_constant) uniform ImageLossBackwardRowsParams {
     uvec2 size_px;  // image width and height
 };
@@ -23,22 +23,22 @@ void main() {
     uint y = thread_index() / strips;
     uint first = (thread_index() % strips) * STRIP;
     if (y >= size_px.y) return;
-    SsimGradient sums[STRIP];
-    [[unroll]] for (uint k = 0; k < STRIP; ++k) sums[k] = SsimGradient(vec3(0.0), vec3(0.0), vec3(0.0));
-    [[unroll]] for (int tap = -int(WINDOW_RADIUS); tap < int(STRIP + WINDOW_RADIUS); ++tap) {
-        int x = int(first) + tap;
-        float inside = x >= 0 && x < int(size_px.x) ? 1.0 : 0.0;
-        SsimGradient g = ssim_gradients[y * size_px.x + uint(clamp(x, 0, int(size_px.x) - 1))];
-        [[unroll]] for (int k = 0; k < int(STRIP); ++k) {
-            if (abs(tap - k) <= int(WINDOW_RADIUS)) {
-                float w = inside * window_weight(tap - k);
-                sums[k].x += w * g.x;
-                sums[k].xx += w * g.xx;
-                sums[k].xy += w * g.xy;
+    uint pixels = size_px.x * size_px.y;
+    [[dont_unroll]] for (uint channel = 0; channel < CHANNELS; ++channel) {
+        vec3 sums[STRIP];
+        [[unroll]] for (uint k = 0; k < STRIP; ++k) sums[k] = vec3(0.0);
+        [[unroll]] for (int tap = -int(WINDOW_RADIUS); tap < int(STRIP + WINDOW_RADIUS); ++tap) {
+            int x = int(first) + tap;
+            bool inside = x >= 0 && x < int(size_px.x);
+            uint i = channel * pixels + y * size_px.x + uint(clamp(x, 0, int(size_px.x) - 1));
+            vec3 gradient = mix(vec3(0.0), ssim_gradients[i], bvec3(inside));
+            [[unroll]] for (int k = 0; k < int(STRIP); ++k) {
+                if (abs(tap - k) <= int(WINDOW_RADIUS)) sums[k] += window_weight(tap - k) * gradient;
             }
         }
-    }
-    [[unroll]] for (uint k = 0; k < STRIP; ++k) {
-        if (first + k < size_px.x) row_gradients[y * size_px.x + first + k] = sums[k];
+        uint at = channel * pixels + y * size_px.x + first;
+        [[unroll]] for (uint k = 0; k < STRIP; ++k) {
+            if (first + k < size_px.x) row_gradients[at + k] = sums[k];
+        }
     }
 }

@@ -67,14 +67,12 @@ layout(scalar, push_constant) uniform ExpandBackwardParams {
 
 // Sums over all tiles of a splat, in emission order.
 SplatMoments total_moments(uint slot) {
-    SplatMoments total = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
+    SplatMoments total = SplatMoments(vec3[](vec3(0.0), vec3(0.0), vec3(0.0)));
     uint first = min(first_emission[slot], capacity);
     uint end = min(first + tile_counts[slot], capacity) * blocks_per_tile;
     for (uint i = first * blocks_per_tile; i < end; ++i) {
         SplatMoments m = isect_moments[i];
-        total.color += m.color;
-        total.first += m.first;
-        total.second += m.second;
+        [[unroll]] for (uint k = 0; k < 3; ++k) total.sums[k] += m.sums[k];
     }
     return total;
 }
@@ -182,10 +180,11 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec
     SplatMoments m = total_moments(slot);
     vec3 conic = vec3(splat.a.zw, splat.b.x);
     float opacity = splat.b.y;
-    vec2 by_mean_px = vec2(dot(conic.xy, m.first.yz), dot(conic.yz, m.first.yz));
-    vec3 by_conic = -vec3(0.5 * m.second.x, m.second.y, 0.5 * m.second.z);
-    float by_opacity = opacity > 0.0 ? m.first.x / opacity : 0.0;
-    by_color = vec3(splat.b.z > 0.0 ? m.color.r : 0.0, splat.b.w > 0.0 ? m.color.g : 0.0, splat.c.x > 0.0 ? m.color.b : 0.0);
+    vec3 first = m.sums[1], second = m.sums[2];
+    vec2 by_mean_px = vec2(dot(conic.xy, first.yz), dot(conic.yz, first.yz));
+    vec3 by_conic = -vec3(0.5 * second.x, second.y, 0.5 * second.z);
+    float by_opacity = opacity > 0.0 ? first.x / opacity : 0.0;
+    by_color = mix(vec3(0.0), m.sums[0], greaterThan(vec3(splat.b.zw, splat.c.x), vec3(0.0)));
 
     vec3 mean_world = transform_point(instance.world_from_template, mean_of(instance, local));
     Geometry g = geometry_of(instance, local, mean_world);
@@ -210,7 +209,7 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec
     out_gradient.color = by_template_color;
     out_gradient.direction = dir;
     float sigmoid = opacity / compensation;
-    out_gradient.opacity_logit = m.first.x * (1.0 - sigmoid);
+    out_gradient.opacity_logit = first.x * (1.0 - sigmoid);
     out_gradient.mean_ndc = length(by_mean_px * 0.5 * vec2(view.size_px));
     vec2 variance = g.cov_sharp.xz + view.dilation_px2;
     float middle = 0.5 * (variance.x + variance.y);

@@ -11,9 +11,10 @@
 //   splat are adjacent there, and each has one writer. No atomics, so results are reproducible bit for bit. Entries
 //   that no live pixel has reached get zeros.
 // - Grid: one subgroup per 8x8 block.
-// - Sums over lanes: with `TRANSPOSE`, `SUBGROUP_SIZE` splats at once in log2 steps: of two splats, lanes without the
-//   step's bit keep the first and get the partner's share of it, the others the second. At the end lane j holds
-//   splat j. Without, a butterfly for each splat.
+// - Sums over lanes halve with each step: of two sums, lanes without the step's bit keep the first and get the partner's
+//   share of it, the others the second. With `TRANSPOSE` the two are of two splats, `SUBGROUP_SIZE` splats are summed at
+//   once, and at the end lane j holds splat j. Without, they are two of the nine sums of one splat, which takes 12 shuffles
+//   at 32 lanes, and at the end lane k holds sum k. Either way a sum is added up in the same order.
 //
 // Twin: `instgs_reference::tile_blend_backward`. Test: `tests/kernels/backward.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -35,24 +36,18 @@ layout(scalar, push_constant) uniform TileBlendBackwardParams {
     uvec2 tiles;      // tile columns and rows
 };
 
-// 1 = sums over lanes by a transposition of SUBGROUP_SIZE splats at once, which takes log2 steps in all; 0 = one
-// butterfly per splat, for subgroups too large to hold the sums of the transposition in registers.
+// 1 = sums over lanes of SUBGROUP_SIZE splats at once, which takes the fewest shuffles; 0 = of each splat alone, since the
+// registers of GPUs do not hold the sums of so many.
 layout(constant_id = 4) const uint TRANSPOSE = 1;
+
+// Splats whose code is unrolled without TRANSPOSE; a divisor of SUBGROUP_SIZE.
+layout(constant_id = 5) const uint SPLATS_UNROLLED = 4;
 
 struct Pixel {
     vec4 g;      // dL/drgb; dL/dalpha minus that of the background it hides
     float t;     // transmittance while the pixel is live, 0 once the stop rule has fired
     float rest;  // sum over the splats not yet visited of weight times (colour, 1) . g
 };
-
-SplatMoments plus_lane(SplatMoments a, uint mask) {
-    SplatMoments b;
-    uint other = gl_SubgroupInvocationID ^ mask;
-    b.color = a.color + vec3(subgroupShuffle(a.color.x, other), subgroupShuffle(a.color.y, other), subgroupShuffle(a.color.z, other));
-    b.first = a.first + vec3(subgroupShuffle(a.first.x, other), subgroupShuffle(a.first.y, other), subgroupShuffle(a.first.z, other));
-    b.second = a.second + vec3(subgroupShuffle(a.second.x, other), subgroupShuffle(a.second.y, other), subgroupShuffle(a.second.z, other));
-    return b;
-}
 
 float merged(float low, float high, uint mask) {
     bool upper = (gl_SubgroupInvocationID & mask) != 0;
@@ -65,7 +60,69 @@ vec3 merged(vec3 low, vec3 high, uint mask) {
 
 // Lanes without `mask` keep and complete `low`, the other lanes `high`.
 SplatMoments merged(SplatMoments low, SplatMoments high, uint mask) {
-    return SplatMoments(merged(low.color, high.color, mask), merged(low.first, high.first, mask), merged(low.second, high.second, mask));
+    return SplatMoments(vec3[](merged(low.sums[0], high.sums[0], mask), merged(low.sums[1], high.sums[1], mask),
+                               merged(low.sums[2], high.sums[2], mask)));
+}
+
+// What this lane's pixels say about the splat of lane `from`, which is blended into them.
+SplatMoments sums_of_splat(Splat mine, uint from, vec2 center, inout Pixel pixels[PIXELS_PER_LANE]) {
+    vec2 delta = center - vec2(subgroupShuffle(mine.a.x, from), subgroupShuffle(mine.a.y, from));
+    float opacity = subgroupShuffle(mine.b.y, from);
+    vec3 color = vec3(subgroupShuffle(mine.b.z, from), subgroupShuffle(mine.b.w, from), subgroupShuffle(mine.c.x, from));
+    float xx = subgroupShuffle(mine.a.z, from), xy = subgroupShuffle(mine.a.w, from), yy = subgroupShuffle(mine.b.x, from);
+    SplatMoments sum = SplatMoments(vec3[](vec3(0.0), vec3(0.0), vec3(0.0)));
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        vec2 d = delta + vec2(pixel_step(p));
+        float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
+        float alpha_raw = opacity * exp2(q);
+        float alpha = min(ALPHA_MAX, alpha_raw);
+        bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
+        float t = pixels[p].t;
+        float t_next = t * (1.0 - alpha);
+        bool blended = all(bvec2(hit, t_next >= T_STOP));
+        float weight = mix(0.0, alpha * t, blended);
+        float value = dot(color, pixels[p].g.rgb) + pixels[p].g.a;
+        float rest = pixels[p].rest - weight * value;
+        // dL/dalpha; a clamped alpha has no gradient by opacity and shape.
+        float by_alpha = t * value - rest / (1.0 - alpha);
+        float s = mix(0.0, by_alpha * alpha, all(bvec2(blended, alpha_raw <= ALPHA_MAX)));
+        pixels[p].rest = rest;
+        pixels[p].t = mix(t, mix(0.0, t_next, blended), hit);
+        vec2 sd = s * d;
+        sum.sums[0] += weight * pixels[p].g.rgb;
+        sum.sums[1] += vec3(s, sd);
+        sum.sums[2] += vec3(sd.x * d.x, sd.x * d.y, sd.y * d.y);
+    }
+    return sum;
+}
+
+const uint SUMS = 9;         // of a splat
+const uint SUMS_PADDED = 16;
+
+// Sums of one splat over lanes, scattered: lane l holds sum l + m SUBGROUP_SIZE in element m. Steps with literal bounds, which
+// compilers unroll.
+float[SUMS_PADDED] scattered(SplatMoments sum) {
+    uint size = SUBGROUP_SIZE;
+    float v[SUMS_PADDED];
+    [[unroll]] for (uint k = 0; k < SUMS_PADDED; ++k) v[k] = k < SUMS ? sum.sums[min(k, SUMS - 1) / 3][k % 3] : 0.0;
+    [[unroll]] for (uint k = 0; k < 5; ++k) v[k] = merged(v[2 * k], v[2 * k + 1], 1);
+    v[5] = 0.0;
+    [[unroll]] for (uint k = 0; k < 3; ++k) v[k] = merged(v[2 * k], v[2 * k + 1], 2);
+    v[3] = 0.0;
+    if (size > 4) {
+        [[unroll]] for (uint k = 0; k < 2; ++k) v[k] = merged(v[2 * k], v[2 * k + 1], 4);
+    }
+    if (size > 8) v[0] = merged(v[0], v[1], 8);
+    if (size > 16) v[0] += subgroupShuffle(v[0], gl_SubgroupInvocationID ^ 16);
+    if (size > 32) v[0] += subgroupShuffle(v[0], gl_SubgroupInvocationID ^ 32);
+    return v;
+}
+
+void store(uint at, float v[SUMS_PADDED]) {
+    [[unroll]] for (uint m = 0; m < 3; ++m) {
+        uint sum = gl_SubgroupInvocationID + m * SUBGROUP_SIZE;
+        if (sum < SUMS) isect_moments[at].sums[sum / 3][sum % 3] = v[m];
+    }
 }
 
 void main() {
@@ -97,44 +154,19 @@ void main() {
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
-        SplatMoments sums[64];
-        SplatMoments own = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
-        [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
-            vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
-            float opacity = subgroupShuffle(mine.b.y, j);
-            vec3 color = vec3(subgroupShuffle(mine.b.z, j), subgroupShuffle(mine.b.w, j), subgroupShuffle(mine.c.x, j));
-            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
-            SplatMoments sum = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
-            [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-                vec2 d = delta + vec2(pixel_step(p));
-                float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
-                float alpha_raw = opacity * exp2(q);
-                float alpha = min(ALPHA_MAX, alpha_raw);
-                bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
-                float t = pixels[p].t;
-                float t_next = t * (1.0 - alpha);
-                bool blended = all(bvec2(hit, t_next >= T_STOP));
-                float weight = mix(0.0, alpha * t, blended);
-                float value = dot(color, pixels[p].g.rgb) + pixels[p].g.a;
-                float rest = pixels[p].rest - weight * value;
-                // dL/dalpha; a clamped alpha has no gradient by opacity and shape.
-                float by_alpha = t * value - rest / (1.0 - alpha);
-                float s = mix(0.0, by_alpha * alpha, all(bvec2(blended, alpha_raw <= ALPHA_MAX)));
-                pixels[p].rest = rest;
-                pixels[p].t = mix(t, mix(0.0, t_next, blended), hit);
-                vec2 sd = s * d;
-                sum.color += weight * pixels[p].g.rgb;
-                sum.first += vec3(s, sd);
-                sum.second += vec3(sd.x * d.x, sd.x * d.y, sd.y * d.y);
+        if (transpose == 0) {
+            // Partly unrolled: the code of all splats of a subgroup would not fit the instruction caches of GPUs.
+            [[dont_unroll]] for (uint first = 0; first < SUBGROUP_SIZE; first += SPLATS_UNROLLED) {
+                [[unroll]] for (uint k = 0; k < SPLATS_UNROLLED; ++k) {
+                    uint j = first + k;
+                    float v[SUMS_PADDED] = scattered(sums_of_splat(mine, j, center, pixels));
+                    uint of_splat = subgroupShuffle(emission, j);
+                    if (base + j < range.y) store(of_splat * BLOCKS_PER_TILE + block.in_tile, v);
+                }
             }
-            if (transpose != 0) {
-                sums[j] = sum;
-            } else {
-                [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) sum = plus_lane(sum, mask);
-                if (lane == j) own = sum;
-            }
-        }
-        if (transpose != 0) {
+        } else {
+            SplatMoments sums[64];
+            [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) sums[j] = sums_of_splat(mine, j, center, pixels);
             // One loop per step with constant bounds: drivers do not unroll a loop whose step depends on an outer loop.
             uint size = SUBGROUP_SIZE;
             [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 2) sums[j] = merged(sums[j], sums[j + 1], 1);
@@ -149,15 +181,14 @@ void main() {
                 [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 32) sums[j] = merged(sums[j], sums[j + 16], 16);
             }
             if (size > 32) sums[0] = merged(sums[0], sums[32], 32);
-            own = sums[0];
+            if (base + lane < range.y) isect_moments[emission * BLOCKS_PER_TILE + block.in_tile] = sums[0];
         }
-        if (base + lane < range.y) isect_moments[emission * BLOCKS_PER_TILE + block.in_tile] = own;
         float live = 0.0;
         [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live = max(live, pixels[p].t);
         if (!subgroupAny(live > 0.0)) break;
     }
     // Entries that no live pixel has reached.
     for (uint i = base + SUBGROUP_SIZE + lane; i < range.y; i += SUBGROUP_SIZE) {
-        isect_moments[emission_from_isect[i] * BLOCKS_PER_TILE + block.in_tile] = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
+        isect_moments[emission_from_isect[i] * BLOCKS_PER_TILE + block.in_tile] = SplatMoments(vec3[](vec3(0.0), vec3(0.0), vec3(0.0)));
     }
 }

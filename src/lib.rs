@@ -102,7 +102,7 @@
 //!
 //! ```text
 //!   exposed_colors    [pixel]              apply_exposure               if photos have exposures: M rgb + b
-//!   row_moments, ssim_gradients, row_gradients [pixel]   image_loss_*   L1 + D-SSIM: a separable window, there and back
+//!   row_moments, ssim_gradients, row_gradients [channel, pixel]   image_loss_*   L1 + D-SSIM: a separable window, there and back
 //!   cotangents        [pixel]              image_loss_backward_columns  dL/drgb
 //!   exposures         [photo]              exposure_backward, refine_exposure, recentre_exposures   gradients back by the scene's colours; Adam
 //!   status, records                        train_status                 overflow flag, loss, counts

@@ -3,9 +3,7 @@
 // Contribution of the pixels of one block to a splat: with s = -dL/dsigma per pixel and d = pixel - centre, sums of s
 // times the monomials of d up to degree 2. Every derivative by centre, conic and opacity is linear in them.
 struct SplatMoments {
-    vec3 color;   // dL/dcolour
-    vec3 first;   // sums of s, s dx, s dy
-    vec3 second;  // sums of s dx dx, s dx dy, s dy dy
+    vec3 sums[3];  // dL/dcolour; sums of s, s dx, s dy; sums of s dx dx, s dx dy, s dy dy
 };
 
 // The gradient by one Gaussian of one instance, in the template's frame.

@@ -1,6 +1,7 @@
 // Common to the four passes of the image loss: the target picture, the SSIM window, strips of pixels.
 
 const uint STRIP = 8;          // pixels that one thread of an image-loss pass computes, in a row or a column
+const uint CHANNELS = 3;       // colour channels
 const uint WINDOW_RADIUS = 5;  // half width of the 11x11 SSIM window
 
 // exp(-k^2 / (2 1.5^2)) for k = 0..5, divided by the sum over -5..5.
@@ -16,41 +17,36 @@ const float SHIFT = 0.5;
 // Upper limit of a picture's colour, also used for NaN: its square must not spread over the window.
 const float LARGEST_COLOR = 100.0;
 
-// Moments of colours minus SHIFT.
-struct Moments {
-    vec3 x;   // mean of the picture
-    vec3 y;   // mean of the target
-    vec3 xx;  // mean of picture squared
-    vec3 yy;  // mean of target squared
-    vec3 xy;  // mean of picture times target
-};
-
-struct SsimGradient {
-    vec3 x;   // by the picture's mean
-    vec3 xx;  // by the mean of picture squared
-    vec3 xy;  // by the mean of picture times target
-};
+// A vec4 of moments is of one channel, of colours minus SHIFT: means of the picture, of the target, of the sum of both
+// squares (SSIM does not need them apart), of the product. A vec3 of gradients has the derivatives of SSIM by the first, the
+// third and the fourth.
 
 float window_weight(int distance) {
     return WINDOW[abs(distance)];
 }
 
+// One channel of a pixel.
 struct ColorPair {
-    vec3 picture;  // rendered colour
-    vec3 target;   // colour of the photo
+    float picture;  // rendered colour
+    float target;   // colour of the photo
 };
 
 // A rendered colour; NaN and what is too large count as the largest.
-vec3 counted_color(vec3 rendered) {
-    return mix(vec3(LARGEST_COLOR), rendered, is_below(rendered, LARGEST_COLOR));
+float counted_color(float rendered) {
+    return is_below(rendered, LARGEST_COLOR) ? rendered : LARGEST_COLOR;
 }
 
-// Picture and target of a pixel. The target's alpha is 0 for an ignored pixel, else 1 + 254 times its coverage of the
-// background; an ignored pixel has the target's colour in both, whatever was rendered there.
-ColorPair color_pair(vec4 rendered, uint rgba, vec3 background) {
-    vec3 picture = counted_color(rendered.rgb);
-    vec4 c = unpackUnorm4x8(rgba);
-    bool counts = c.a > 0.0;
-    vec3 target = counts ? mix(background, c.rgb, (c.a * 255.0 - 1.0) / 254.0) : c.rgb;
+vec3 counted_color(vec3 rendered) {
+    return vec3(counted_color(rendered.r), counted_color(rendered.g), counted_color(rendered.b));
+}
+
+// A channel of a pixel. The target's alpha is 0 for an ignored pixel, else 1 + 254 times its coverage of the background; an
+// ignored pixel has the target's colour in both, whatever was rendered there.
+ColorPair color_pair(float rendered, uint rgba, uint channel, float background) {
+    float picture = counted_color(rendered);
+    float target = float(rgba >> (8 * channel) & 255) / 255.0;
+    uint alpha = rgba >> 24;
+    bool counts = alpha > 0;
+    target = counts ? mix(background, target, (float(alpha) - 1.0) / 254.0) : target;
     return ColorPair(counts ? picture : target, target);
 }

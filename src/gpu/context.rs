@@ -351,6 +351,11 @@ impl Gpu {
         }
     }
 
+    /// True if the device was opened with validation.
+    pub(super) fn is_debugged(&self) -> bool {
+        self.debug_names.is_some()
+    }
+
     /// Names a Vulkan object for debuggers and validation messages.
     pub(crate) fn set_name<H: vk::Handle>(&self, object: H, name: &str) {
         let (Some(debug), Ok(name)) = (&self.debug_names, CString::new(name)) else { return };

@@ -41,6 +41,9 @@ impl Grid {
 /// Passes that the crash marker can name; later ones share the last slot's name.
 const MAX_MARKERS: usize = 1024;
 
+/// What was begun last, where no marker says so.
+const NOT_MARKED: &str = "unknown, which a run with validation (INSTGS_VALIDATION=1) writes down";
+
 /// The submission that must finish before a recorder starts again.
 #[derive(Clone, Copy)]
 pub(super) enum Submitted {
@@ -63,8 +66,9 @@ pub struct Recorder {
     descriptors: DescriptorSets,
     hazards: HazardTracker,
     profiler: Option<Profiler>,
-    /// Slot i is set before pass i begins. After a device loss the last set slot names the culprit, or a pass soon
-    /// after it: these fills are not ordered against the dispatches.
+    /// Slot i is set before pass i begins, if the device is opened for debugging: a fill before each dispatch could make
+    /// a GPU wait. After a device loss the last set slot names the culprit, or a pass soon after it: these fills are not
+    /// ordered against the dispatches.
     markers: Buffer<u32>,
     marked: Vec<&'static str>,
     pub(super) recording: bool,
@@ -408,7 +412,7 @@ impl Recorder {
         self.close();
     }
 
-    /// Waits for a submission of this recorder; a lost device is an error that names the last pass begun.
+    /// Waits for a submission of this recorder; a lost device is an error that, with validation, names the last pass begun.
     pub fn wait(&self, ticket: Ticket) -> Result<(), GpuError> {
         self.gpu.wait_for(ticket).map_err(|result| self.explain(result))
     }
@@ -431,17 +435,17 @@ impl Recorder {
         if result != vk::Result::ERROR_DEVICE_LOST {
             return GpuError::Vulkan { what: "submission".into(), result };
         }
-        GpuError::DeviceLost { last_pass: self.last_pass_begun().unwrap_or("none").into() }
+        GpuError::DeviceLost { last_pass: self.last_pass_begun().unwrap_or(NOT_MARKED).into() }
     }
 
-    /// The last pass of the current or last submission whose crash marker is set.
+    /// The last pass of the current or last submission whose crash marker is set; `None` without validation.
     pub fn last_pass_begun(&self) -> Option<&'static str> {
         let set = self.markers.mapped()?.chunks_exact(4).take_while(|slot| slot.iter().any(|&b| b != 0)).count();
         self.marked.get(set.checked_sub(1)?).copied()
     }
 
     fn mark(&mut self, name: &'static str) {
-        if self.marked.len() < MAX_MARKERS {
+        if self.gpu.is_debugged() && self.marked.len() < MAX_MARKERS {
             let offset = 4 * self.marked.len() as u64;
             // SAFETY: recording; the slot lies in the buffer, and each slot is written once per submission.
             unsafe { self.gpu.device.cmd_fill_buffer(self.commands, self.markers.handle(), offset, 4, 1) };

@@ -17,7 +17,7 @@ pub struct Variant {
     pub blend_workgroup_size: u32,
     /// Tile side in pixels: 8 or a larger multiple of 8.
     pub tile_size: u32,
-    /// The backward blend sums a subgroup of splats over lanes by transposition, instead of one butterfly per splat.
+    /// The backward blend sums a subgroup of splats over lanes at once, instead of each splat alone.
     pub transpose_moments: bool,
 }
 
@@ -42,8 +42,8 @@ impl Variant {
             match_by_ballot: subgroup_size > 16,
             blend_workgroup_size: if caps.is_llvmpipe { subgroup_size } else { largest(128) },
             tile_size: 8,
-            // 9 sums for each of 32 splats do not fit registers.
-            transpose_moments: subgroup_size <= 16,
+            // The sums of a whole subgroup of splats do not fit the registers of GPUs, and at 32 lanes of nothing.
+            transpose_moments: caps.is_llvmpipe && subgroup_size <= 16,
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::gpu::interface::constants::{LOG_STEPS, STATUS_COUNT, STRIP};
+use crate::gpu::interface::constants::{CHANNELS, LOG_STEPS, STATUS_COUNT, STRIP};
 use crate::gpu::interface::types;
 use crate::gpu::staging::upload;
 use crate::gpu::{Buffer, Gpu, GpuError};
@@ -118,12 +118,12 @@ fn source_tables(layout: &SourceLayout, chunk_size: u32) -> (Vec<types::SourceCh
 pub struct BackwardBuffers {
     /// Gradient of the loss by rgb and alpha, by pixel.
     pub cotangents: Buffer<[f32; 4]>,
-    /// Moments along rows, by pixel.
-    pub row_moments: Buffer<types::Moments>,
-    /// Derivatives of SSIM by the windowed moments, by pixel.
-    pub ssim_gradients: Buffer<types::SsimGradient>,
-    /// Derivatives of SSIM, windowed along rows, by pixel.
-    pub row_gradients: Buffer<types::SsimGradient>,
+    /// Moments along rows, by channel and pixel.
+    pub row_moments: Buffer<[f32; 4]>,
+    /// Derivatives of SSIM by the windowed moments, by channel and pixel.
+    pub ssim_gradients: Buffer<[f32; 3]>,
+    /// Derivatives of SSIM, windowed along rows, by channel and pixel.
+    pub row_gradients: Buffer<[f32; 3]>,
     /// Sum of SSIM over each strip of pixels.
     pub ssim_sums: Buffer<f32>,
     /// Sums of absolute and squared errors over each strip of pixels.
@@ -150,6 +150,7 @@ impl BackwardBuffers {
     /// A buffer exceeds the device's limits; the error names it.
     pub fn new(gpu: &Arc<Gpu>, plan: &FramePlan, variant: &Variant) -> Result<Self, GpuError> {
         let pixels = plan.pixels() as usize;
+        let values = CHANNELS as usize * pixels;
         // Threads past the last strip of the last work-group write nothing.
         let strips = column_strips(plan.size_px) as usize;
         let moments = plan.capacities.intersections as usize * blocks_per_tile(variant.tile_size) as usize;
@@ -157,9 +158,9 @@ impl BackwardBuffers {
         let colored = if plan.color_matrices { plan.slots } else { 1 };
         Ok(Self {
             cotangents: Buffer::new(gpu, "cotangents", pixels)?,
-            row_moments: Buffer::new(gpu, "row_moments", pixels)?,
-            ssim_gradients: Buffer::new(gpu, "ssim_gradients", pixels)?,
-            row_gradients: Buffer::new(gpu, "row_gradients", pixels)?,
+            row_moments: Buffer::new(gpu, "row_moments", values)?,
+            ssim_gradients: Buffer::new(gpu, "ssim_gradients", values)?,
+            row_gradients: Buffer::new(gpu, "row_gradients", values)?,
             ssim_sums: Buffer::new(gpu, "ssim_sums", strips)?,
             error_sums: Buffer::new(gpu, "error_sums", strips)?,
             isect_moments: Buffer::new(gpu, "isect_moments", moments)?,

@@ -101,7 +101,7 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
         transpose_moments,
     } = variant;
     let matching = if *match_by_ballot { "ballots" } else { "shuffles" };
-    let moments = if *transpose_moments { "transposition" } else { "butterflies" };
+    let moments = if *transpose_moments { "transposition" } else { "scattering" };
     row(
         "variant",
         format!(

@@ -24,7 +24,7 @@ const STATISTICS_BYTES: u64 = 12;
 /// Bytes of a slot: those of [`per_slot_bytes`], and the gradient of its source.
 const SLOT_BYTES: u64 = 172;
 /// Bytes of a pixel of the picture that is compared: colours, depths, cotangents and the windows of SSIM.
-const PIXEL_BYTES: u64 = 172;
+const PIXEL_BYTES: u64 = 160;
 
 /// Device memory that training pictures may take, bytes, on a device with `heap_bytes`.
 pub fn picture_budget(config: &TrainConfig, heap_bytes: u64) -> u64 {
