@@ -13,6 +13,7 @@ use super::buffer::BufferMemory;
 use super::caps::DeviceCaps;
 use super::device::{OwnedDevice, RawDevice, check_features, queue_family_properties};
 use super::error::GpuError;
+use super::faults::{Fate, Faults};
 use super::instance::{OwnedInstance, choose_device, enumerate};
 use super::memory::Memory;
 use super::pipeline::PipelineStore;
@@ -55,6 +56,8 @@ pub struct GpuOptions {
     pub most_storage_buffers: Option<u32>,
     /// Pretend that a binding has at most this many bytes, to test how large scenes behave on such a device.
     pub most_binding_bytes: Option<u64>,
+    /// Faults to plant, to test what becomes of them.
+    pub faults: Option<Arc<Faults>>,
 }
 
 /// Calls its argument, once and before it returns, while nobody else uses the queue.
@@ -87,6 +90,7 @@ pub struct Gpu {
     pub(super) statistics: Option<DriverStatistics>,
     caps: DeviceCaps,
     messages: ValidationMessages,
+    faults: Option<Arc<Faults>>,
     physical: vk::PhysicalDevice,
     pub(super) device: ash::Device,
     instance: ash::Instance,
@@ -107,6 +111,7 @@ struct Parts {
     timestamp_bits: u32,
     debug_names: Option<ext::debug_utils::Device>,
     statistics: Option<DriverStatistics>,
+    faults: Option<Arc<Faults>>,
 }
 
 impl Gpu {
@@ -130,7 +135,17 @@ impl Gpu {
         let statistics = options.pipeline_statistics.then(|| DriverStatistics::new(&instance, &device));
         let raw = RawDevice { entry, instance, physical, device, queue, queue_family, queue_lock: None };
         let (owned_device, owned_instance) = (Some(opened), Some(owned));
-        Self::assemble(Parts { owned_device, owned_instance, raw, caps, timestamp_bits, debug_names, statistics })
+        let faults = options.faults.clone();
+        Self::assemble(Parts {
+            owned_device,
+            owned_instance,
+            raw,
+            caps,
+            timestamp_bits,
+            debug_names,
+            statistics,
+            faults,
+        })
     }
 
     /// Uses a device of the caller's. Nothing of it is destroyed here.
@@ -164,8 +179,17 @@ impl Gpu {
         };
         let timestamp_bits = family.timestamp_valid_bits;
         let (owned_device, owned_instance) = (None, None);
-        let (debug_names, statistics) = (None, None);
-        Self::assemble(Parts { owned_device, owned_instance, raw, caps, timestamp_bits, debug_names, statistics })
+        let (debug_names, statistics, faults) = (None, None, None);
+        Self::assemble(Parts {
+            owned_device,
+            owned_instance,
+            raw,
+            caps,
+            timestamp_bits,
+            debug_names,
+            statistics,
+            faults,
+        })
     }
 
     fn assemble(parts: Parts) -> Result<Arc<Self>, GpuError> {
@@ -173,7 +197,7 @@ impl Gpu {
         let timeline = Timeline::new(&parts.raw.device);
         let messages = parts.owned_instance.as_ref().map(OwnedInstance::messages).unwrap_or_default();
         let RawDevice { entry, instance, physical, device, queue, queue_family, queue_lock } = parts.raw;
-        Ok(Arc::new(Self {
+        let gpu = Self {
             pipelines: PipelineStore::default(),
             timeline,
             memory,
@@ -187,13 +211,16 @@ impl Gpu {
             statistics: parts.statistics,
             caps: parts.caps,
             messages,
+            faults: parts.faults,
             physical,
             device,
             instance,
             _owned_device: parts.owned_device,
             _owned_instance: parts.owned_instance,
             entry,
-        }))
+        };
+        gpu.set_memory_budget(u64::MAX);
+        Ok(Arc::new(gpu))
     }
 
     /// Limits and features of all devices of this machine, in the order of `DeviceChoice::Index`.
@@ -224,7 +251,7 @@ impl Gpu {
 
     /// Limits the total of allocations, bytes, existing ones included. `u64::MAX` = no limit but the device's.
     pub fn set_memory_budget(&self, bytes: u64) {
-        self.memory.set_budget(bytes);
+        self.memory.set_budget(bytes.min(self.planned_heap_bytes()));
     }
 
     /// The smaller of the limit that was set and the largest device-local heap, bytes.
@@ -237,7 +264,20 @@ impl Gpu {
         // SAFETY: `physical` belongs to `instance`.
         let properties = unsafe { self.instance.get_physical_device_memory_properties(self.physical) };
         let heaps = &properties.memory_heaps[..properties.memory_heap_count as usize];
-        heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)).map(|h| h.size).max().unwrap_or(0)
+        let local = heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+        local.map(|h| h.size).max().unwrap_or(0).min(self.planned_heap_bytes())
+    }
+
+    /// Bytes of the only heap, if a test plans one.
+    fn planned_heap_bytes(&self) -> u64 {
+        self.faults.as_ref().and_then(|faults| faults.heap_bytes()).unwrap_or(u64::MAX)
+    }
+
+    /// What becomes of the next submission, as far as faults are planned for it.
+    pub(super) fn fate_of_submission(&self) -> Fate {
+        let Some(faults) = &self.faults else { return Fate::Runs };
+        // The device that is lost refuses everything from then on.
+        if self.timeline.is_lost() { Fate::Refused } else { faults.submission() }
     }
 
     /// Submissions and host waits since the device was opened.
@@ -342,6 +382,10 @@ impl Gpu {
         location: MemoryLocation,
     ) -> Result<Allocation, GpuError> {
         self.release_finished();
+        if self.faults.as_ref().is_some_and(|faults| faults.refuses_allocation()) {
+            let (name, bytes) = (name.into(), requirements.size);
+            return Err(GpuError::OutOfMemory { name, bytes, missing: bytes, reason: "a test refuses it".into() });
+        }
         match self.memory.allocate(name, requirements, location) {
             Err(GpuError::OutOfMemory { .. }) if !self.is_over(self.timeline.last()) => {
                 self.wait_all()?;

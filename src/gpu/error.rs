@@ -83,6 +83,9 @@ pub enum GpuError {
         /// Description of the problem.
         reason: String,
     },
+    /// The faults to plant cannot be read.
+    #[error("{0}")]
+    Faults(String),
     /// The device was lost.
     #[error("the device was lost; what was begun last: {last_pass}")]
     DeviceLost {

@@ -10,6 +10,7 @@ use super::buffer::{Buffer, BufferMemory};
 use super::context::Gpu;
 use super::descriptors::DescriptorSets;
 use super::error::GpuError;
+use super::faults::Fate;
 use super::interface::{BindingSet as _, Kernel, MOST_BINDINGS};
 use super::pipeline::Pipeline;
 use super::profiler::Profiler;
@@ -379,6 +380,11 @@ impl Recorder {
         let waits = &waits[..usize::from(copies_after.is_some())];
         let timeline = &self.gpu.timeline;
         let accepted = self.gpu.with_queue(|queue| {
+            let fate = self.gpu.fate_of_submission();
+            if fate == Fate::Refused {
+                timeline.lose();
+                return Err(vk::Result::ERROR_DEVICE_LOST);
+            }
             let ticket = timeline.next();
             let own = timeline.semaphore()?;
             let signals = [whole(own).value(ticket.0), whole(signalled.unwrap_or_default())];
@@ -390,6 +396,9 @@ impl Recorder {
             // guarantees the semaphores.
             unsafe { self.gpu.device.queue_submit2(queue, &info, vk::Fence::null()) }?;
             timeline.submitted(ticket);
+            if fate == Fate::Dies {
+                timeline.lose();
+            }
             Ok::<_, vk::Result>(ticket)
         });
         let ticket = accepted?.map_err(|result| self.explain(result))?;

@@ -92,6 +92,10 @@ impl Timeline {
         }
         // Without a submission there is no ticket to wait for.
         let Some(&semaphore) = self.semaphore.get() else { return Ok(()) };
+        // A lost device says so at every wait.
+        if self.lost.load(Ordering::SeqCst) {
+            return Err(vk::Result::ERROR_DEVICE_LOST);
+        }
         self.waits.fetch_add(1, Ordering::SeqCst);
         if ticket == self.last() {
             self.drains.fetch_add(1, Ordering::SeqCst);
@@ -107,6 +111,13 @@ impl Timeline {
             self.finished.fetch_max(ticket.0, Ordering::SeqCst);
         }
         waited
+    }
+
+    /// Makes the device count as lost, once all that was submitted has finished: a device that only counts as lost still works on it.
+    pub(crate) fn lose(&self) {
+        let _ = self.wait(self.last());
+        self.finished.store(0, Ordering::SeqCst);
+        self.lost.store(true, Ordering::SeqCst);
     }
 
     /// True if the semaphore has reached the value of `ticket`, or never will because the device is lost.

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "every test binary uses a part of it")]
 
 pub(crate) mod chairs;
+pub(crate) mod crash;
 pub(crate) mod dataset;
 pub(crate) mod golden;
 pub(crate) mod gpu;

@@ -5,6 +5,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod crash;
 mod scene_viewer;
 mod scripts;
 mod scripts_boxes;

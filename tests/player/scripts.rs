@@ -73,7 +73,7 @@ impl Drop for VirtualDisplay {
 }
 
 /// A display, and a scene in a folder of its own; `None` where tests with a device or a window are not wanted.
-fn open_display() -> Option<(VirtualDisplay, tempfile::TempDir, PathBuf)> {
+pub(crate) fn open_display() -> Option<(VirtualDisplay, tempfile::TempDir, PathBuf)> {
     let display = if skips_gpu() { None } else { VirtualDisplay::open() }?;
     let folder = tempfile::tempdir().unwrap();
     let file = scene(folder.path());
@@ -203,7 +203,7 @@ fn play_script_on(display: &VirtualDisplay, per_point: u32, scene: &Path, text: 
 }
 
 /// Where one of the chairs is in the window at the start, pixels.
-fn chair_px(scene: &instgs_vk::scene::InstancedScene) -> [f64; 2] {
+pub(crate) fn chair_px(scene: &instgs_vk::scene::InstancedScene) -> [f64; 2] {
     let camera = Navigator::around(&Orbit::around(scene, None)).camera([320, 240]);
     let centre = template_centres(scene)[scene.instances[0].template as usize];
     let view =

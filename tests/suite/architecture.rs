@@ -85,6 +85,37 @@ fn only_gpu_and_the_players_window_speak_vulkan() {
     }
 }
 
+/// Where else than in `src/gpu` code is unsafe, and why it has to be.
+const UNSAFE: [(&str, &str); 9] = [
+    ("src/render/image_frames.rs", "promises of a caller about its Vulkan objects, passed on to src/gpu"),
+    ("crates/player/src/swapchain.rs", "Vulkan calls of a window"),
+    ("crates/player/src/ui_painter.rs", "Vulkan calls of a window"),
+    ("crates/player/src/window/opening.rs", "makes the swapchain, whose window must outlive it"),
+    ("crates/eval/src/lpips/layers.rs", "matrixmultiply's sgemm takes pointers"),
+    ("crates/console/src/lavapipe.rs", "sets an environment variable before any thread is there"),
+    ("crates/cli/src/main.rs", "promises that no thread is there yet"),
+    ("crates/player/src/main.rs", "promises that no thread is there yet"),
+    ("dev/evidence/src/main.rs", "promises that no thread is there yet"),
+];
+
+/// Clippy wants a SAFETY comment at each place; this wants each place to be known.
+#[test]
+fn unsafe_code_stands_in_few_known_places() {
+    let mut found = BTreeSet::new();
+    for path in [files("src", "rs"), files("crates", "rs"), files("dev", "rs")].concat() {
+        let relative = path.strip_prefix(repository()).unwrap().to_string_lossy().into_owned();
+        let is_code = |line: &str| {
+            let code = line.split("//").next().unwrap_or_default();
+            ["unsafe {", "unsafe fn", "unsafe impl", "unsafe trait"].iter().any(|word| code.contains(word))
+        };
+        if !relative.starts_with("src/gpu/") && read(&path).lines().any(is_code) {
+            found.insert(relative);
+        }
+    }
+    let known: BTreeSet<String> = UNSAFE.iter().map(|(path, _)| (*path).to_owned()).collect();
+    assert_eq!(found, known, "code that is unsafe is to be named here with its reason");
+}
+
 #[test]
 fn banned_words() {
     // Put together here so that this file does not hold them.

@@ -26,12 +26,15 @@ mod cli_shell;
 mod cli_stages;
 mod cli_train;
 mod consensus;
+mod crash_disk;
+mod crash_kills;
 #[cfg(feature = "onnx")]
 mod detect;
 #[cfg(feature = "onnx")]
 mod detect_runs;
 mod docs;
 mod examples;
+mod faults;
 mod find;
 mod find_wall;
 mod golden_gradients;

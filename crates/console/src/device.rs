@@ -5,7 +5,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use crate::error::CliError;
-use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
+use instgs_vk::gpu::{DeviceChoice, Faults, Gpu, GpuOptions};
 
 /// The environment variable that replaces `--device`.
 const DEVICE_VARIABLE: &str = "INSTGS_DEVICE";
@@ -44,7 +44,8 @@ pub fn validation() -> bool {
 
 /// Opens the device, with the validation layers if they are enabled.
 pub fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
-    Ok(Gpu::open(&GpuOptions { device: choice, validation: validation(), ..Default::default() })?)
+    let faults = Faults::of_environment()?;
+    Ok(Gpu::open(&GpuOptions { device: choice, validation: validation(), faults, ..Default::default() })?)
 }
 
 /// Fails if the validation layers reported a message; always succeeds without them.

@@ -8,6 +8,7 @@
 //! [`MaskFolder`] and [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`]. The
 //! files of a run: [`RunFolder`].
 
+mod atomic;
 pub mod boxes;
 mod bytes;
 pub mod camera_file;
@@ -59,11 +60,11 @@ pub mod view_image;
 mod view_resample;
 
 use std::fs;
-use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use instgs_vk::scene::gaussians::MAX_SH_DEGREE;
 
+pub use atomic::{atomic_write, copy_file};
 pub use boxes::{read_boxes, with_view_names, write_boxes};
 pub use camera_file::{read_cameras, write_cameras};
 pub use checkpoint::Checkpoint;
@@ -89,42 +90,6 @@ pub use sog::{read_sog, write_sog};
 pub use splat::read_splat;
 pub use spz::{SpzLoss, read_spz, write_spz};
 pub use view_image::{LoadedView, ViewImage, load_view};
-
-/// Prefix of the names of [`atomic_write`]'s temporary files; a killed process may leave one behind.
-pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
-
-/// Writes a file atomically, so that readers see either the old content or all of the new: into a temporary file in the
-/// same folder, which is then renamed. On failure the old file is unchanged and the temporary file is removed.
-pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), IoError> {
-    let fail = |error: &std::io::Error| IoError::os(path, "cannot write", error);
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // The process's umask is applied, as for any new file; the crate's default is owner-only.
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.prefix(TEMPORARY_PREFIX).tempfile_in(folder).map_err(|e| fail(&e))?;
-    {
-        let mut buffered = BufWriter::with_capacity(1 << 20, file.as_file_mut());
-        write(&mut buffered).and_then(|()| buffered.flush()).map_err(|e| fail(&e))?;
-    }
-    file.persist(path).map_err(|e| fail(&e.error))?;
-    Ok(())
-}
-
-/// Copies a file of moderate size, so that readers of the target see its old content or all of the new.
-///
-/// # Errors
-/// The source cannot be read, or the target cannot be written.
-pub fn copy_file(from: &Path, to: &Path) -> Result<(), IoError> {
-    let bytes = read_bytes(from)?;
-    atomic_write(to, |out| out.write_all(&bytes))
-}
 
 /// Reads the whole of a regular file into memory.
 ///
@@ -160,24 +125,4 @@ pub(crate) const LEAST_LOG_SCALE: f32 = -87.336_54;
 /// A note for the user if a file has a higher SH degree, `stored`, than is supported.
 pub(crate) fn cut_note(stored: u32) -> Option<String> {
     (stored > MAX_SH_DEGREE).then(|| format!("has colours of SH degree {stored}, of which {MAX_SH_DEGREE} are kept"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_failed_write_leaves_the_old_file_and_no_temporary() -> Result<(), Box<dyn std::error::Error>> {
-        let folder = tempfile::tempdir()?;
-        let path = folder.path().join("x.bin");
-        atomic_write(&path, |w| w.write_all(b"old"))?;
-        let failed = atomic_write(&path, |w| {
-            w.write_all(b"half")?;
-            Err(std::io::Error::other("disk full"))
-        });
-        assert!(failed.is_err_and(|e| e.to_string().contains("disk full")));
-        assert_eq!(fs::read(&path)?, b"old");
-        assert_eq!(fs::read_dir(folder.path())?.count(), 1);
-        Ok(())
-    }
 }

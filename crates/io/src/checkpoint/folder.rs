@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::Checkpoint;
-use crate::{IoError, TEMPORARY_PREFIX};
+use crate::IoError;
+use crate::atomic::TEMPORARY_PREFIX;
 
 const PREFIX: &str = "step_";
 const SUFFIX: &str = ".safetensors";

@@ -151,8 +151,8 @@ fn by_column(parts: &[Part]) -> Vec<Part> {
     parts.iter().flat_map(|part| std::iter::repeat_n(*part, part.columns)).collect()
 }
 
-/// Codes finite values, row by row.
-pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Vec<u8> {
+/// Codes finite values, row by row; `None` if they are so far apart that a step would be beyond f32.
+pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec<u8>> {
     let width: usize = plan.parts.iter().map(|part| part.columns).sum();
     let column = |c: usize| (0..rows).map(move |row| values[row * width + c]);
     let centres: Vec<f32> = (0..width).map(|c| if plan.centred { middle(column(c)) } else { 0.0 }).collect();
@@ -169,6 +169,9 @@ pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Vec<u8> {
             Part { step: part.step.max(least as f32), most: part.most.max(least as f32), ..*part }
         })
         .collect();
+    if parts.iter().any(|part| !part.step.is_finite() || !part.most.is_finite()) {
+        return None;
+    }
 
     let mut out = (rows as u64).to_le_bytes().to_vec();
     out.extend((width as u16).to_le_bytes());
@@ -198,7 +201,7 @@ pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Vec<u8> {
         }
     }
     out.extend(entropy::encode(&Layout { rows, columns: &kinds(&parts, plan.classes) }, &steps));
-    out
+    Some(out)
 }
 
 /// Decodes the output of [`encode`] to values, row by row. The caller has checked that memory for them is plausible.

@@ -75,7 +75,7 @@ pub fn coded_streams(coded: &[u8]) -> Option<CodedStreams> {
 }
 
 /// The tensors of a scene's clouds and offsets by name. Fields that cannot be coded (values that are not finite, rotations of
-/// zero length, empty ones) stay floats.
+/// zero length, empty ones, or too far apart) stay floats.
 pub(crate) fn coded_tensors(
     scene: &InstancedScene,
     options: Option<&SmallOptions<'_>>,
@@ -99,7 +99,7 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
     for (field, parts) in table.fields.iter().zip(&plan.parts) {
         let name = format!("{group}.{}", field.name);
         let how = Plan { parts, classes: &plan.classes, centred: field.centred, delta: field.delta };
-        let bytes = field.can_be_coded.then(|| field::encode(&field.values, table.rows, &how));
+        let bytes = field.can_be_coded.then(|| field::encode(&field.values, table.rows, &how)).flatten();
         match bytes.filter(|bytes| !field.is_position() || is_plausible(table.rows, bytes.len())) {
             Some(bytes) => {
                 any = true;
@@ -113,7 +113,8 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
             plan.classes.shape.iter().zip(&plan.classes.colour).flat_map(|(&s, &c)| [s, c].map(f32::from)).collect();
         let part = Part { columns: 1, step: 1.0, most: 1.0, follows: Follows::Nothing };
         let how = Plan { parts: &[part; 2], classes: &Classes::default(), centred: false, delta: true };
-        out.push((format!("{group}.{PRECISION}{CODED}"), coded(field::encode(&classes, table.rows, &how))));
+        let bytes = field::encode(&classes, table.rows, &how);
+        out.extend(bytes.map(|bytes| (format!("{group}.{PRECISION}{CODED}"), coded(bytes))));
     }
 }
 

@@ -24,7 +24,7 @@ use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
 use crate::views::View;
 use instgs_io::{IoError, load_scene, read_cameras};
-use instgs_vk::gpu::{Gpu, GpuOptions};
+use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
 use instgs_vk::render::Show;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};
@@ -170,7 +170,8 @@ fn cameras_of_run(scene: &Path) -> Option<Camera> {
 fn open_device(window: Arc<Window>, job: &WindowJob, mode: PresentMode) -> Result<(Arc<Gpu>, Screen), PlayerError> {
     let (display, handle) = handles(&window)?;
     let (device, validation) = (job.device.clone(), job.validation);
-    let options = GpuOptions { device, validation, display: Some(display), ..Default::default() };
+    let faults = Faults::of_environment()?;
+    let options = GpuOptions { device, validation, display: Some(display), faults, ..Default::default() };
     let gpu = Gpu::open(&options)?;
     let size = window.inner_size();
     // SAFETY: `Screen` drops the swapchain before the window, and so does this function on errors; the device was opened

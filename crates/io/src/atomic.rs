@@ -1,0 +1,121 @@
+//! Files that are written as a whole or not at all.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use crate::{IoError, read_bytes};
+
+/// Prefix of the names of [`atomic_write`]'s temporary files; a killed process may leave one behind.
+pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
+/// A temporary file that is younger may not have been locked yet.
+const LOCKED_AFTER: Duration = Duration::from_secs(1);
+
+/// Writes a file atomically, so that readers see either the old content or all of the new: into a temporary file in the
+/// same folder, which is then renamed. On failure the old file is unchanged and the temporary file is removed. The first file that
+/// a process writes into a folder also removes the temporary files that killed processes left there.
+///
+/// # Errors
+/// The folder does not exist or refuses the file, `write` fails, or the disk is full.
+pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), IoError> {
+    let fail = |error: &std::io::Error| IoError::os(path, "cannot write", error);
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    sweep_once(folder);
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // The process's umask is applied, as for any new file; the crate's default is owner-only.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.prefix(TEMPORARY_PREFIX).tempfile_in(folder).map_err(|e| fail(&e))?;
+    // The lock ends with the process. Without one, on file systems that have none, the file may only be taken for a dead one's.
+    let _ = file.as_file().try_lock();
+    {
+        let mut buffered = BufWriter::with_capacity(1 << 20, file.as_file_mut());
+        write(&mut buffered).and_then(|()| buffered.flush()).map_err(|e| fail(&e))?;
+    }
+    file.persist(path).map_err(|e| fail(&e.error))?;
+    Ok(())
+}
+
+/// Copies a file of moderate size, so that readers of the target see its old content or all of the new.
+///
+/// # Errors
+/// The source cannot be read, or the target cannot be written.
+pub fn copy_file(from: &Path, to: &Path) -> Result<(), IoError> {
+    let bytes = read_bytes(from)?;
+    atomic_write(to, |out| out.write_all(&bytes))
+}
+
+/// Removes what killed processes left in a folder, the first time that this process writes into it.
+fn sweep_once(folder: &Path) {
+    static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    let is_first = SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.to_path_buf());
+    if is_first {
+        sweep(folder);
+    }
+}
+
+/// Removes temporary files that no process holds. Whatever cannot be removed stays: the file to be written matters, not these.
+fn sweep(folder: &Path) {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let temporary = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(TEMPORARY_PREFIX));
+    for entry in temporary.filter(|entry| entry.metadata().is_ok_and(|data| data.is_file() && is_old(&data))) {
+        let path = entry.path();
+        if File::open(&path).is_ok_and(|file| file.try_lock().is_ok()) {
+            let _ = fs::remove_file(path);
+        }
+    }
+}
+
+fn is_old(data: &fs::Metadata) -> bool {
+    data.modified().is_ok_and(|then| then.elapsed().is_ok_and(|age| age >= LOCKED_AFTER))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::SystemTime;
+
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_no_temporary() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("x.bin");
+        atomic_write(&path, |w| w.write_all(b"old"))?;
+        let failed = atomic_write(&path, |w| {
+            w.write_all(b"half")?;
+            Err(std::io::Error::other("disk full"))
+        });
+        assert!(failed.is_err_and(|e| e.to_string().contains("disk full")));
+        assert_eq!(fs::read(&path)?, b"old");
+        assert_eq!(fs::read_dir(folder.path())?.count(), 1);
+        Ok(())
+    }
+
+    /// Of a dead process, of one that still writes, of one that has just begun, and one that is another program's.
+    #[test]
+    fn what_a_killed_process_left_is_removed() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = |name: &str| folder.path().join(name);
+        let long_ago = SystemTime::now() - Duration::from_secs(60);
+        let old = |name: &str| File::create(path(name)).and_then(|file| file.set_modified(long_ago).map(|()| file));
+        drop(old(".instgs-dead")?);
+        let held = old(".instgs-held")?;
+        held.try_lock()?;
+        fs::write(path(".instgs-new"), "")?;
+        drop(old(".other")?);
+        atomic_write(&path("x.bin"), |w| w.write_all(b"x"))?;
+        let mut left: Vec<_> = fs::read_dir(folder.path())?.flatten().map(|entry| entry.file_name()).collect();
+        left.sort();
+        assert_eq!(left, [".instgs-held", ".instgs-new", ".other", "x.bin"]);
+        Ok(())
+    }
+}

@@ -1,0 +1,60 @@
+//! Instanced scenes.
+
+use std::path::Path;
+
+use arbitrary::Unstructured;
+use instgs_io::Pack;
+use instgs_io::scene_file::parse_scene_file;
+use instgs_io::scene_write::scene_file_bytes;
+use instgs_vk::math::rng::Rng;
+
+use crate::seeds::scenes as files;
+use crate::{Seed, SeedError, Target, must, path, properties, random_scene, repair, taken};
+
+pub(super) const TARGETS: &[Target] = &[
+    Target { name: "instgs", seeds: plain_seeds, repair: Some(repair::safetensors), read: read_scene },
+    Target { name: "instgs_packed", seeds: packed_seeds, repair: Some(repair::safetensors), read: read_scene },
+    Target { name: "scene_values", seeds: value_seeds, repair: None, read: write_scene },
+];
+
+fn plain_seeds() -> Result<Vec<Seed>, SeedError> {
+    let small = scene_file_bytes(&files::scene(), path())?;
+    Ok(vec![Seed::new("f32", small), Seed::new("all tensors", files::packed(Pack::F32)?)])
+}
+
+fn packed_seeds() -> Result<Vec<Seed>, SeedError> {
+    Ok(vec![
+        Seed::new("f16", files::packed(Pack::F16)?),
+        Seed::new("q8", files::packed(Pack::Q8)?),
+        Seed::new("small", files::packed(Pack::Small)?),
+        Seed::new("older", files::OLDER),
+    ])
+}
+
+fn read_scene(bytes: &[u8], folder: &Path) -> bool {
+    let scene = taken(parse_scene_file(bytes, path()));
+    scene
+        .map(|scene| {
+            must(scene.validate(), "a scene that was read is inconsistent");
+            properties::scene(scene, folder);
+        })
+        .is_some()
+}
+
+fn value_seeds() -> Result<Vec<Seed>, SeedError> {
+    let bytes = |seed: u64| {
+        let mut rng = Rng::new(seed);
+        (0..3000).map(|_| rng.next_u32() as u8).collect::<Vec<_>>()
+    };
+    Ok(vec![Seed::new("a", bytes(1)), Seed::new("b", bytes(2)), Seed::new("c", bytes(3)), Seed::new("d", bytes(4))])
+}
+
+/// Not a file, but bytes that a scene in memory is made of: it is refused with a reason, or written and read.
+fn write_scene(bytes: &[u8], folder: &Path) -> bool {
+    let Ok(scene) = random_scene::scene(&mut Unstructured::new(bytes)) else { return false };
+    if taken(scene.validate()).is_none() {
+        return false;
+    }
+    properties::scene(scene, folder);
+    true
+}

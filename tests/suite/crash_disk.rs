@@ -1,0 +1,210 @@
+//! A disk that is full, and folders that are read-only, removed or renamed: one line, and what was there before is still there.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+use instgs_io::save_scene;
+use instgs_vk::scene::trajectory::Orbit;
+
+use crate::common::chairs::chairs;
+use crate::common::crash::{rounds, run_whole, temporaries};
+use crate::common::dataset::{photograph, write_points};
+use crate::common::paddock::embedded_scene;
+use crate::common::program::{built, program, repository, skips_gpu};
+
+/// Number of sizes of a full disk that are tried without INSTGS_CRASHES.
+const FEW_SIZES: usize = 5;
+/// Bytes of the blocks that `ulimit -f` counts.
+const BLOCK_BYTES: u64 = 512;
+
+/// The program, with files that end at `limit` blocks, as on a full disk: what is written beyond that is an error.
+fn with_limit(limit: u64) -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", "trap '' XFSZ; ulimit -f \"$0\" && exec \"$@\"", &limit.to_string()]).arg(built("instgs-vk"));
+    // The driver's own cache is not what is tested.
+    command.current_dir(repository()).env("MESA_SHADER_CACHE_DISABLE", "true");
+    command
+}
+
+/// Sizes from one block to those of all of a file of `bytes`, in blocks.
+fn sizes(bytes: u64) -> impl Iterator<Item = u64> {
+    let (count, most) = (rounds(FEW_SIZES).clamp(2, 20), (bytes / BLOCK_BYTES).max(2) as f64);
+    (0..count).map(move |k| most.powf(k as f64 / count as f64) as u64)
+}
+
+/// The one line that a command ends with.
+fn error_line(output: &Output) -> String {
+    let text = String::from_utf8(output.stderr.clone()).unwrap();
+    let errors: Vec<&str> = text.lines().filter(|line| !line.starts_with("warning: ")).collect();
+    assert!(output.status.code() == Some(1) && errors.len() == 1, "{:?}: {text}", output.status);
+    assert!(errors[0].starts_with("error: "), "{text}");
+    errors[0].to_owned()
+}
+
+#[test]
+fn a_full_disk_leaves_the_old_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let scene = at.join("scene.instgs");
+    save_scene(&scene, &chairs()).unwrap();
+    let bytes = fs::read(&scene).unwrap();
+    let mut failed = 0;
+    for (arguments, file) in [
+        (vec!["edit", "scene.instgs", "--recolour", "0", "rgb=0.2,0,0", "--out"], "scene.instgs"),
+        (vec!["export", "--scene", "scene.instgs", "--to"], "out.ply"),
+        (vec!["export", "--scene", "scene.instgs", "--to"], "out.sog"),
+        (vec!["export", "--scene", "scene.instgs", "--to"], "out.html"),
+    ] {
+        let file = at.join(file);
+        let run = |mut command: Command| {
+            let given = arguments.iter().map(|a| if *a == "scene.instgs" { scene.clone() } else { PathBuf::from(a) });
+            command.args(given).arg(&file).output().unwrap()
+        };
+        fs::write(&file, if file == scene { &bytes } else { &b"old"[..] }).unwrap();
+        let old = fs::read(&file).unwrap();
+        assert!(run(with_limit(1 << 20)).status.success());
+        let whole = fs::metadata(&file).unwrap().len();
+        fs::write(&file, &old).unwrap();
+        for limit in sizes(whole) {
+            let said = error_line(&run(with_limit(limit)));
+            assert!(
+                said.contains("cannot write") && said.contains(file.file_name().unwrap().to_str().unwrap()),
+                "{said}"
+            );
+            assert!(fs::read(&file).unwrap() == old, "{} blocks: {} changed", limit, file.display());
+            assert!(temporaries(at).is_empty(), "{:?}", temporaries(at));
+            failed += 1;
+        }
+        fs::write(&scene, &bytes).unwrap();
+    }
+    println!("{failed} writes failed");
+}
+
+/// A data set of 12 small photos as `data`.
+fn photos(at: &Path) {
+    let scene = embedded_scene();
+    photograph(program(), &scene, &Orbit::around(&scene, None).cameras(12, (96, 54)), at);
+    write_points(&scene.flatten(), 20, &at.join("data/points3d.ply"));
+}
+
+/// The arguments of a short training into a folder.
+fn training(mut command: Command, data: &Path, out: &Path) -> Command {
+    command.args(["train", "--data"]).arg(data).arg("--out").arg(out).arg("--resume");
+    command.args(["--config", "quick", "--steps", "40", "--max-gaussians", "600", "--set", "checkpoint_every=10"]);
+    command
+}
+
+fn unlimited() -> Command {
+    let mut command = Command::new(built("instgs-vk"));
+    command.current_dir(repository());
+    command
+}
+
+#[test]
+fn a_training_goes_on_when_the_disk_has_room_again() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    photos(at);
+    let start = |command: Command, out: &str| training(command, &at.join("data"), &at.join(out));
+    run_whole(&mut start(unlimited(), "whole"));
+    let of = |out: &str, file: &str| fs::read(at.join(out).join(file)).unwrap();
+    let checkpoint = "checkpoints/step_0000040.safetensors";
+    for limit in sizes(of("whole", checkpoint).len() as u64) {
+        let said = error_line(&start(with_limit(limit), "run").output().unwrap());
+        assert!(said.contains(at.join("run").to_str().unwrap()), "{said}");
+        assert!(temporaries(&at.join("run")).is_empty(), "{:?}", temporaries(&at.join("run")));
+    }
+    run_whole(&mut start(unlimited(), "run"));
+    for file in [checkpoint, "scene.instgs", "point_cloud.ply"] {
+        assert!(of("run", file) == of("whole", file), "{file}");
+    }
+}
+
+/// The program as a user who may read the folder of a test and not write into it: root may write anywhere, and becomes another one.
+fn stranger() -> Option<Command> {
+    let id = Command::new("id").arg("-u").output().ok()?;
+    if id.stdout != b"0\n" {
+        return Some(unlimited());
+    }
+    let as_nobody = || {
+        let mut command = Command::new("setpriv");
+        command.args(["--reuid", "65534", "--regid", "65534", "--clear-groups"]).arg(built("instgs-vk"));
+        command.current_dir(repository()).env("HOME", "/nonexistent");
+        command
+    };
+    as_nobody().arg("--version").output().is_ok_and(|output| output.status.success()).then(as_nobody)
+}
+
+#[cfg(unix)]
+#[test]
+fn a_read_only_folder_is_one_line_and_nothing_changes() {
+    use std::os::unix::fs::PermissionsExt;
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    photos(at);
+    save_scene(&at.join("scene.instgs"), &chairs()).unwrap();
+    let set = |path: &Path, mode: u32| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    set(at, 0o555);
+    let scene = fs::read(at.join("scene.instgs")).unwrap();
+    let commands: [fn(Command, &Path) -> Command; 3] = [
+        |mut command, at| {
+            command
+                .arg("edit")
+                .arg(at.join("scene.instgs"))
+                .args(["--delete", "0", "--out"])
+                .arg(at.join("scene.instgs"));
+            command
+        },
+        |mut command, at| {
+            command.args(["export", "--scene"]).arg(at.join("scene.instgs")).arg("--to").arg(at.join("x.ply"));
+            command
+        },
+        |command, at| training(command, &at.join("data"), &at.join("run")),
+    ];
+    for with in commands {
+        let Some(command) = stranger() else {
+            println!("not run: no other user can start the program here");
+            break;
+        };
+        let said = error_line(&with(command, at).output().unwrap());
+        assert!(said.to_lowercase().contains("permission denied"), "{said}");
+        assert!(fs::read(at.join("scene.instgs")).unwrap() == scene && !at.join("run").exists());
+    }
+    set(at, 0o755);
+}
+
+/// The folder is renamed while it is trained in: the run makes a new one, and the renamed one goes on where it was left.
+#[cfg(unix)]
+#[test]
+fn a_renamed_folder_can_be_resumed() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    photos(at);
+    let start = |out: &str| training(unlimited(), &at.join("data"), &at.join(out));
+    run_whole(&mut start("whole"));
+    let mut child =
+        start("run").stdout(std::process::Stdio::null()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+    let begun = Instant::now();
+    while !at.join("run/checkpoints/step_0000010.safetensors").exists() {
+        assert!(begun.elapsed() < Duration::from_secs(300) && child.try_wait().unwrap().is_none(), "no checkpoint");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    fs::rename(at.join("run"), at.join("moved")).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && said.contains("was removed"), "{said}");
+    run_whole(&mut start("moved"));
+    let scene = |out: &str| fs::read(at.join(out).join("scene.instgs")).unwrap();
+    assert!(scene("run") == scene("whole") && scene("moved") == scene("whole"));
+}
