@@ -3,14 +3,12 @@
 const { execFileSync } = require("child_process");
 const fs = require("fs");
 const path = require("path");
-const { chromium } = require("playwright-core");
+const { psnr, startBrowser } = require("./browser/browser.cjs");
 
 const LEAST_PSNR_DB = 35;
 const MOST_BYTES_BESIDE_SCENE = 300_000;
 const VIEWS = Number(process.env.VIEWS ?? 3);
 const PATIENCE_MS = 120_000;
-const ARGUMENTS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--headless",
-  "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-quic", "--no-first-run"];
 const SIZES = { desktop: { width: 1280, height: 800 }, phone: { width: 390, height: 844 } };
 /** Of the window that is clicked in: software rendering takes time by the pixel. */
 const CLICKED = { width: 820, height: 420 };
@@ -72,27 +70,6 @@ async function opened(browser, options, hash = "") {
   await page.goto(address + hash);
   const ready = await page.evaluate(() => window.instgs.ready);
   return { page, ready, close: () => context.close() };
-}
-
-/** PSNR of two PNGs of the same size, dB, over their 8-bit values. */
-async function psnr(page, one, two) {
-  const urls = [one, two].map((png) => `data:image/png;base64,${png.toString("base64")}`);
-  return page.evaluate(async (of) => {
-    const pixels = async (url) => {
-      const image = await createImageBitmap(await (await fetch(url)).blob(), { colorSpaceConversion: "none" });
-      const canvas = new OffscreenCanvas(image.width, image.height);
-      const context = canvas.getContext("2d");
-      context.drawImage(image, 0, 0);
-      return context.getImageData(0, 0, image.width, image.height);
-    };
-    const [a, b] = await Promise.all(of.map(pixels));
-    if (a.width !== b.width || a.height !== b.height) return 0;
-    let squares = 0;
-    a.data.forEach((value, i) => {
-      if (i % 4 !== 3) squares += (value - b.data[i]) ** 2;
-    });
-    return 10 * Math.log10((255 * 255) / (squares / (0.75 * a.data.length)));
-  }, urls);
 }
 
 /** The canvas alone, at the camera's size. */
@@ -219,7 +196,7 @@ async function takeShots(browser, to) {
   const sceneBytes = /id="scene-data">([^<]*)</.exec(text)[1].length;
   const beside = bytes - sceneBytes;
   check(beside < MOST_BYTES_BESIDE_SCENE, `the page has ${beside} bytes beside its scene`);
-  const browser = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ARGUMENTS });
+  const browser = await startBrowser();
   try {
     const comparer = await browser.newPage();
     const { ready, values } = await comparePictures(browser, comparer);

@@ -51,6 +51,10 @@ pub(super) struct ExportArgs {
     /// for .html that of the training views, if the scene lies in the folder of its run]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     pub(super) up: Option<Triple>,
+    /// Write a .glb in which all Gaussians are one mesh, instances expanded, for viewers that put whole meshes in order and so
+    /// draw the background over objects (Babylon.js)
+    #[arg(long)]
+    one_mesh: bool,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
@@ -132,8 +136,11 @@ fn write(
 
 pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let to = args.to.as_path();
-    let format = ExportFormat::of(to, args.pack.map(Pack::from))?;
-    if args.up.is_some() && !matches!(format, ExportFormat::Glb | ExportFormat::Usda | ExportFormat::Page(_)) {
+    let mut format = ExportFormat::of(to, args.pack.map(Pack::from))?;
+    if args.one_mesh {
+        format = format.in_one_mesh(to)?;
+    }
+    if args.up.is_some() && !format.has_up() {
         printer.warning("--up is for .glb, .usda and .html: other formats keep the scene's axes");
     }
     let scene = open_scene(&args.scene, printer)?.scene;

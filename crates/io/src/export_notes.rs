@@ -10,7 +10,7 @@ impl ExportedScene {
     pub fn notes(&self, to: &Path, scene: &InstancedScene, format: ExportFormat) -> Vec<String> {
         let (to, filter) = (to.display(), scene.pixel_filter);
         let mut notes: Vec<String> = spz_note(&self.spz_loss, self.gaussians).into_iter().collect();
-        if format == ExportFormat::Glb && filter.antialias {
+        if matches!(format, ExportFormat::Glb | ExportFormat::GlbOneMesh) && filter.antialias {
             notes.push(".glb has no place for the scene's antialias flag; render it with --antialias".into());
         }
         if !matches!(format, ExportFormat::Instgs(_) | ExportFormat::Page(_)) && !filter.has_usual_dilation() {

@@ -20,6 +20,8 @@ pub enum ExportFormat {
     Sog,
     /// `.glb`: instances are nodes that share their template's data.
     Glb,
+    /// `.glb` of one mesh: expanded like `Ply`, for viewers that put whole meshes in order.
+    GlbOneMesh,
     /// `.usda`: instances are prims; those without anything of their own are references to their template.
     Usda,
     /// `.instgs`: not expanded, with packed values.
@@ -51,9 +53,25 @@ impl ExportFormat {
         }
     }
 
+    /// The format with everything in one mesh, for a file name.
+    ///
+    /// # Errors
+    /// A format without meshes.
+    pub fn in_one_mesh(self, path: &Path) -> Result<Self, IoError> {
+        match self {
+            Self::Glb | Self::GlbOneMesh => Ok(Self::GlbOneMesh),
+            _ => Err(IoError::new(path, "--one-mesh is for .glb files").advise("leave it out, or export to .glb")),
+        }
+    }
+
+    /// True if the file says which way is up.
+    pub fn has_up(self) -> bool {
+        matches!(self, Self::Glb | Self::GlbOneMesh | Self::Usda | Self::Page(_))
+    }
+
     /// True if the file stores every instance's Gaussians separately.
     pub fn is_expanded(self) -> bool {
-        matches!(self, Self::Ply | Self::Spz | Self::Sog)
+        matches!(self, Self::Ply | Self::Spz | Self::Sog | Self::GlbOneMesh)
     }
 }
 
@@ -91,7 +109,7 @@ pub fn export_scene(
             exported.gaussians = scene.expanded_len();
             usda::write_usda(to, scene, up)?;
         }
-        ExportFormat::Ply | ExportFormat::Spz | ExportFormat::Sog => {
+        ExportFormat::Ply | ExportFormat::Spz | ExportFormat::Sog | ExportFormat::GlbOneMesh => {
             check_expanded_memory(to, scene)?;
             let cloud = scene.flatten();
             exported.gaussians = cloud.len() as u64;
@@ -100,6 +118,7 @@ pub fn export_scene(
                     exported.spz_loss = spz::write_spz(to, &cloud, scene.pixel_filter.antialias)?;
                 }
                 ExportFormat::Sog => sog::write_sog(to, &cloud, scene.pixel_filter.antialias)?,
+                ExportFormat::GlbOneMesh => glb::write_glb(to, &InstancedScene::from_cloud(cloud), up)?,
                 _ => ply::write_ply(to, &cloud, scene.pixel_filter)?,
             }
         }
