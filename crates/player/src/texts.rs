@@ -160,8 +160,11 @@ pub(super) fn edit_name(name: &str) -> &str {
     }
 }
 
+/// A section of the Help panel: its heading, and what each key or movement of the mouse does.
+pub(super) type KeySection = (&'static str, &'static [(&'static str, &'static str)]);
+
 /// Keys and mouse by purpose, for the Help panel: two columns of sections.
-pub(super) const KEYS: [[(&str, &[(&str, &str)]); 3]; 2] = [
+pub(super) const KEYS: [[KeySection; 3]; 2] = [
     [
         (
             "Camera",
