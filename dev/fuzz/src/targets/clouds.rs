@@ -12,7 +12,7 @@ pub(super) const TARGETS: &[Target] = &[
     Target { name: "ply", seeds: ply_seeds, repair: None, read: read_ply },
     Target { name: "spz", seeds: spz_seeds, repair: None, read: read_spz },
     Target { name: "spz_streams", seeds: stream_seeds, repair: None, read: read_spz_streams },
-    Target { name: "sog", seeds: sog_seeds, repair: Some(repair::zip), read: read_sog },
+    Target { name: "sog", seeds: sog_seeds, repair: Some(|bytes| repair::zip(bytes)), read: read_sog },
     Target { name: "glb", seeds: glb_seeds, repair: None, read: read_glb },
     Target { name: "splat", seeds: splat_seeds, repair: None, read: read_splat },
     Target { name: "points_ply", seeds: points_ply_seeds, repair: None, read: read_points_ply },

@@ -10,7 +10,7 @@ use crate::seeds::masks as files;
 use crate::{Seed, SeedError, Target, must, path, repair, taken};
 
 pub(super) const TARGETS: &[Target] = &[
-    Target { name: "mask", seeds: png_seeds, repair: Some(repair::png), read: read_mask },
+    Target { name: "mask", seeds: png_seeds, repair: Some(|bytes| repair::png(bytes)), read: read_mask },
     Target { name: "coco", seeds: coco_seeds, repair: None, read: read_coco },
     Target { name: "labelme", seeds: labelme_seeds, repair: None, read: read_labelme },
     Target { name: "categories", seeds: category_seeds, repair: None, read: read_all_categories },

@@ -12,7 +12,7 @@ use crate::{Seed, SeedError, Target, must, path, repair, taken};
 
 pub(super) const TARGETS: &[Target] = &[
     Target { name: "jpeg", seeds: jpeg_seeds, repair: None, read: read_photo },
-    Target { name: "png", seeds: png_seeds, repair: Some(repair::png), read: read_photo },
+    Target { name: "png", seeds: png_seeds, repair: Some(|bytes| repair::png(bytes)), read: read_photo },
     Target { name: "ktx2", seeds: ktx2_seeds, repair: None, read: read_ktx2 },
 ];
 
@@ -39,7 +39,7 @@ fn read_photo(bytes: &[u8], folder: &Path) -> bool {
     let camera =
         Camera { name: "a".into(), width, height, fx: w, fy: w, cx: w / 2.0, cy: h / 2.0, view_from_world: rows };
     let lens = Distortion { k1: 0.1, k2: -0.02, p1: 0.001, ..Distortion::default() };
-    let distortion = (bytes.len() % 4 == 0).then_some(lens);
+    let distortion = bytes.len().is_multiple_of(4).then_some(lens);
     let view = View { camera, image_path: file, split: Split::Train, distortion, mask_path: None };
     let Some(loaded) = taken(load_view(&view, Some(5))) else { return false };
     let pixels = loaded.image.width as usize * loaded.image.height as usize;
