@@ -168,6 +168,11 @@ impl Controls {
         }
     }
 
+    /// A key was pressed: clicks before and after it are no double click.
+    pub fn typed(&mut self) {
+        self.last_click = None;
+    }
+
     /// A flight key is pressed or released.
     pub fn flight_key(&mut self, key: FlightKey, down: bool) {
         self.held[key as usize] = down;
@@ -255,6 +260,11 @@ mod tests {
         controls.pressed(Button::Left);
         let second = controls.released(Button::Left, 4.6);
         assert_eq!(second.map(|c| c.double), Some(true), "the first took two seconds to be done");
+        for want in [Some(false), Some(false)] {
+            controls.pressed(Button::Left);
+            assert_eq!(controls.released(Button::Left, 5.5).map(|c| c.double), want, "a key between two clicks");
+            controls.typed();
+        }
         assert_eq!(n, here, "clicks change nothing");
     }
 

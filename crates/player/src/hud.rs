@@ -238,6 +238,13 @@ impl Place {
     }
 }
 
+/// The part of the window that the tool bar leaves to panels.
+fn below_the_bar(ctx: &Context) -> egui::Rect {
+    let mut rect = ctx.content_rect();
+    rect.min.y = (rect.min.y + BAR).min(rect.max.y);
+    rect
+}
+
 /// A panel that can be closed and moved; what does not fit the window's height is scrolled.
 fn panel(ctx: &Context, title: &str, place: Place, open: &mut bool, contents: impl FnOnce(&mut Ui)) {
     egui::Window::new(title)
@@ -245,6 +252,7 @@ fn panel(ctx: &Context, title: &str, place: Place, open: &mut bool, contents: im
         .pivot(place.pivot)
         .default_pos(place.at)
         .default_width(WIDTH)
+        .constrain_to(below_the_bar(ctx))
         .resizable(false)
         .show(ctx, |ui| {
             egui::ScrollArea::vertical().max_height(place.height).show(ui, |ui| {

@@ -52,6 +52,9 @@ pub(crate) fn zip(bytes: &mut [u8]) {
 /// Length of the header of a safetensors file, and the bytes that its tensors need.
 pub(crate) fn safetensors(bytes: &mut Vec<u8>) {
     let Some(end) = end_of_object(bytes, 8) else { return };
+    // Writers fill the header with spaces up to a multiple of eight.
+    let is_filled = |filled: &usize| bytes.get(end..*filled).is_some_and(|fill| fill.iter().all(|&byte| byte == b' '));
+    let end = Some(end.next_multiple_of(8)).filter(is_filled).unwrap_or(end);
     bytes[..8].copy_from_slice(&((end - 8) as u64).to_le_bytes());
     let Ok(Value::Object(entries)) = serde_json::from_slice(&bytes[8..end]) else { return };
     let last = |entry: &Value| entry.get("data_offsets")?.get(1)?.as_u64();

@@ -9,6 +9,9 @@ use crate::scene::edit::scatter::span;
 use crate::scene::edit::{EditOutcome, EditReason, Selector, checked};
 use crate::scene::instanced_scene::{InstancedScene, SourceRange};
 
+/// What places may differ by after they were rounded to f32, as a part of a box's longest side.
+const ROUNDING: f64 = 1e-5;
+
 /// Gives one instance the Gaussians of the background inside its template's box, which is grown by `margin` of its size on
 /// every side: they move with it from now on.
 pub(super) fn give(scene: &mut InstancedScene, which: &Selector, margin: f64) -> Result<EditOutcome, EditReason> {
@@ -21,7 +24,8 @@ pub(super) fn give(scene: &mut InstancedScene, which: &Selector, margin: f64) ->
     let template_from_world = checked(inverse(&instance.world_from_template), k)?;
     let spans = DVec3::AXES.map(|axis| span(scene, instance.template, DMat3::IDENTITY, axis));
     let [low, high] = [0, 1].map(|end| DVec3::from_array(spans.map(|span| span[end])));
-    let margin = margin * (high - low);
+    // The box of a flat template has no thickness: rounding must not put its own plane outside.
+    let margin = margin * (high - low) + ROUNDING * (high - low).max_element();
     let inside = |mean: [f32; 3]| {
         let mean = template_from_world.transform_point(widened(mean));
         mean.cmpge(low - margin).all() && mean.cmple(high + margin).all()

@@ -185,6 +185,7 @@ impl Live {
     }
 
     fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
+        self.input.controls.typed();
         self.hud.message = None;
         self.input.warned.take_if(|_| code != KeyCode::Escape);
         if self.edit_key(code)? {
