@@ -102,13 +102,19 @@ pub struct Gpu {
     entry: ash::Entry,
 }
 
-/// The parts of a [`Gpu`] under construction. Fields are dropped in this order if construction fails.
+/// The parts of a [`Gpu`] under construction.
 struct Parts {
-    owned_device: Option<OwnedDevice>,
-    owned_instance: Option<OwnedInstance>,
+    own: OwnParts,
     raw: RawDevice,
     caps: DeviceCaps,
     timestamp_bits: u32,
+}
+
+/// What only a device has that this crate has opened itself. Fields are dropped in this order if construction fails.
+#[derive(Default)]
+struct OwnParts {
+    device: Option<OwnedDevice>,
+    instance: Option<OwnedInstance>,
     debug_names: Option<ext::debug_utils::Device>,
     statistics: Option<DriverStatistics>,
     faults: Option<Arc<Faults>>,
@@ -134,18 +140,9 @@ impl Gpu {
         let debug_names = options.validation.then(|| ext::debug_utils::Device::new(&instance, &device));
         let statistics = options.pipeline_statistics.then(|| DriverStatistics::new(&instance, &device));
         let raw = RawDevice { entry, instance, physical, device, queue, queue_family, queue_lock: None };
-        let (owned_device, owned_instance) = (Some(opened), Some(owned));
         let faults = options.faults.clone();
-        Self::assemble(Parts {
-            owned_device,
-            owned_instance,
-            raw,
-            caps,
-            timestamp_bits,
-            debug_names,
-            statistics,
-            faults,
-        })
+        let own = OwnParts { device: Some(opened), instance: Some(owned), debug_names, statistics, faults };
+        Self::assemble(Parts { own, raw, caps, timestamp_bits })
     }
 
     /// Uses a device of the caller's. Nothing of it is destroyed here.
@@ -178,24 +175,13 @@ impl Gpu {
             return Err(GpuError::MissingFeature { device: caps.name, feature: "compute on the queue given".into() });
         };
         let timestamp_bits = family.timestamp_valid_bits;
-        let (owned_device, owned_instance) = (None, None);
-        let (debug_names, statistics, faults) = (None, None, None);
-        Self::assemble(Parts {
-            owned_device,
-            owned_instance,
-            raw,
-            caps,
-            timestamp_bits,
-            debug_names,
-            statistics,
-            faults,
-        })
+        Self::assemble(Parts { own: OwnParts::default(), raw, caps, timestamp_bits })
     }
 
     fn assemble(parts: Parts) -> Result<Arc<Self>, GpuError> {
         let memory = Memory::new(&parts.raw.instance, &parts.raw.device, parts.raw.physical)?;
         let timeline = Timeline::new(&parts.raw.device);
-        let messages = parts.owned_instance.as_ref().map(OwnedInstance::messages).unwrap_or_default();
+        let messages = parts.own.instance.as_ref().map(OwnedInstance::messages).unwrap_or_default();
         let RawDevice { entry, instance, physical, device, queue, queue_family, queue_lock } = parts.raw;
         let gpu = Self {
             pipelines: PipelineStore::default(),
@@ -207,16 +193,16 @@ impl Gpu {
             queue_lock,
             queue_family,
             timestamp_bits: parts.timestamp_bits,
-            debug_names: parts.debug_names,
-            statistics: parts.statistics,
+            debug_names: parts.own.debug_names,
+            statistics: parts.own.statistics,
             caps: parts.caps,
             messages,
-            faults: parts.faults,
+            faults: parts.own.faults,
             physical,
             device,
             instance,
-            _owned_device: parts.owned_device,
-            _owned_instance: parts.owned_instance,
+            _owned_device: parts.own.device,
+            _owned_instance: parts.own.instance,
             entry,
         };
         gpu.set_memory_budget(u64::MAX);

@@ -150,9 +150,9 @@ fn cars(at: &Path) {
     synth.arg("--out").arg(at.join("data")).assert().success();
 }
 
-#[ignore = "takes minutes"]
-#[test]
-fn all_stages_of_an_instanced_run_go_on_after_kills() {
+/// Kills a run on the data set of [`cars`], whose poses are known but not exact; `command_line` is the command with
+/// what it needs besides.
+fn killed_run_of_cars(kills: usize, command_line: &[&str], results: &[&str], seed: u64) {
     if skips_gpu() {
         return;
     }
@@ -160,33 +160,27 @@ fn all_stages_of_an_instanced_run_go_on_after_kills() {
     let at = folder.path();
     cars(at);
     let start = |out: &str| {
-        let mut train = command("instgs-vk");
-        train.args(["train", "--data"]).arg(at.join("data")).arg("--out").arg(at.join(out)).arg("--resume");
-        train.args(["--config", "instgs_quick", "--steps", "60", "--joint-steps", "30", "--groups"]);
-        train.arg(at.join("data/groups_noisy.json")).args(["--set", "checkpoint_every=15"]);
-        train
+        let mut run = command("instgs-vk");
+        run.args(command_line).args(["--config", "instgs_quick"]).arg("--data").arg(at.join("data"));
+        run.arg("--out").arg(at.join(out)).arg("--groups").arg(at.join("data/groups_noisy.json"));
+        run
     };
-    let results = ["scene.instgs", "initial.instgs", "point_cloud.ply", "labels.safetensors", "groups.json"];
-    killed_run(at, rounds(2), &start, &results, &mut Rng::new(3));
+    killed_run(at, kills, &start, results, &mut Rng::new(seed));
 }
 
-#[ignore = "takes minutes"]
+#[ignore = "eight trainings with all stages take minutes"]
+#[test]
+fn all_stages_of_an_instanced_run_go_on_after_kills() {
+    let train = ["train", "--resume", "--steps", "60", "--joint-steps", "30", "--set", "checkpoint_every=15"];
+    let results = ["scene.instgs", "initial.instgs", "point_cloud.ply", "labels.safetensors", "groups.json"];
+    killed_run_of_cars(rounds(2), &train, &results, 3);
+}
+
+#[ignore = "each comparison is three trainings: minutes"]
 #[test]
 fn a_comparison_goes_on_after_kills() {
-    if skips_gpu() {
-        return;
-    }
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
-    cars(at);
-    let start = |out: &str| {
-        let mut compare = command("instgs-vk");
-        compare.args(["compare", "--data"]).arg(at.join("data")).arg("--out").arg(at.join(out)).arg("--groups");
-        compare.arg(at.join("data/groups_noisy.json")).args(["--config", "instgs_quick", "--frames", "0"]);
-        compare.args(["--more-steps", "20", "--set", "steps=40", "--set", "joint.steps=20"]);
-        compare.args(["--set", "checkpoint_every=10"]);
-        compare
-    };
+    let compare = ["compare", "--frames", "0", "--more-steps", "20", "--set", "steps=40"];
+    let compare = [&compare[..], &["--set", "joint.steps=20", "--set", "checkpoint_every=10"]].concat();
     let results = ["seed_0/instgs/scene.instgs", "seed_0/instgs/point_cloud.ply"];
-    killed_run(at, rounds(1), &start, &results, &mut Rng::new(4));
+    killed_run_of_cars(rounds(1), &compare, &results, 4);
 }

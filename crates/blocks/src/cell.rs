@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 /// Two horizontal directions and the up axis: orthonormal, world frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ground {
-    /// Directions of the two coordinates on the ground.
+    /// Unit vectors of the world frame along the two coordinates on the ground, at right angles to each other and to `up`.
     pub axes: [[f64; 3]; 2],
-    /// Up axis.
+    /// The ground's normal, upwards: a unit vector of the data set's world frame.
     pub up: [f64; 3],
 }
 

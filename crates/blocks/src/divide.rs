@@ -39,7 +39,7 @@ impl Default for DivideOptions {
 
 /// A plan, and what each block gets.
 pub struct Division {
-    /// The plan.
+    /// What is written beside the blocks, and read again by `join`.
     pub plan: Plan,
     /// By block, indices of its views in the data set.
     pub views: Vec<Vec<usize>>,

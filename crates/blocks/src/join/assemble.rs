@@ -70,7 +70,7 @@ pub(super) fn assemble(input: &JoinInput<'_>, parts: Parts<'_>) -> Result<Joined
     Ok(Joined { scene, report })
 }
 
-/// The scene so far.
+/// Collects the joined scene, one template with its instances after the other, so that ranges and offsets stay consecutive.
 struct Builder {
     scene: InstancedScene,
     /// Kinds of offsets that the blocks' scenes have.
