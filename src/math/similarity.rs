@@ -96,4 +96,15 @@ impl Similarity {
     pub fn transform_point(&self, p: DVec3) -> DVec3 {
         self.linear() * p + self.translation()
     }
+
+    /// The similarity that undoes this one.
+    pub fn inverse(&self) -> Self {
+        let linear = self.linear().inverse();
+        Self::from_parts(linear, 1.0, -(linear * self.translation()))
+    }
+
+    /// The similarity that applies `first` and then this one.
+    pub fn after(&self, first: &Self) -> Self {
+        Self::from_parts(self.linear() * first.linear(), 1.0, self.transform_point(first.translation()))
+    }
 }

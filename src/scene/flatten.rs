@@ -29,6 +29,15 @@ impl InstancedScene {
         world
     }
 
+    /// What instance `k` shows, in the world frame: its template's Gaussians with its offsets and colours, then its own. The SH degree
+    /// is that of the templates.
+    pub fn flatten_one(&self, k: usize) -> Gaussians {
+        let mut world = Gaussians::with_capacity(self.templates.sh_degree, 0);
+        self.flatten_instance(&self.instances[k], self.color_matrix(k), &mut world);
+        self.flatten_own(&self.instances[k], self.own_range(k), &mut world);
+        world
+    }
+
     /// The same pictures without colour matrices, for files that have none: they go into offsets, of which every instance
     /// gets a run of its own. The scene itself if it has no matrices.
     pub fn with_colors_in_offsets(&self) -> Cow<'_, InstancedScene> {

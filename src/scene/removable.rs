@@ -103,6 +103,14 @@ impl Removables {
         &self.users[of.first_user..of.first_user + of.users]
     }
 
+    /// True if a part was made transparent by [`Removables::removed`].
+    pub fn is_hidden(scene: &InstancedScene, of: &Removable) -> bool {
+        let Part::Record { record, gaussian } = of.part else { return false };
+        let logit = scene.templates.opacity_logits[gaussian as usize] + scene.offsets.opacity_logits[record as usize];
+        // Packing rounds.
+        logit <= HIDDEN_LOGIT + 0.1
+    }
+
     /// The indices of a part in the flat order of expanded Gaussians.
     pub fn flat_indices(&self, of: &Removable) -> impl Iterator<Item = usize> + '_ {
         let part = of.part;

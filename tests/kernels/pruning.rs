@@ -67,6 +67,9 @@ fn instances_are_judged_on_their_own() {
     let logits = &pruned.scene.offsets.opacity_logits;
     assert!(logits[..2] == [0.0; 2] && logits[2..].iter().all(|&logit| logit < -12.0), "{logits:?}");
     assert!(picture_psnr(&gpu, [&scene, &pruned.scene], &[camera()]).unwrap() > 25.0);
+    // What is hidden already is not hidden again.
+    let again = prune(&gpu, &pruned.scene, &[camera()], 1.0, || ()).unwrap();
+    assert_eq!((again.drawn, again.fewer, again.scene), (3, 0, pruned.scene));
     assert_silent(&gpu);
 }
 
@@ -88,7 +91,7 @@ fn half_of_what_is_drawn_is_hardly_missed() {
         println!("seed {seed}: {} of {} fewer, {kept:.2} dB, black {black:.2}", half.fewer, scene.expanded_len());
         assert!(half.fewer > 0 && kept > black + 10.0, "{kept} {black}");
         assert_eq!(prune(&gpu, scene, &cameras, 1.0, || ()).unwrap().scene, *scene);
-        // A camera that looks the other way.
+        // Everything is behind this camera.
         let mut away = cameras[0].clone();
         away.view_from_world =
             [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1e4], [0.0, 0.0, 0.0, 1.0]];

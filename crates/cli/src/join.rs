@@ -81,6 +81,11 @@ pub(super) fn run(args: &JoinArgs, device_args: &DeviceArgs, printer: &Printer) 
     let mut joined = join(&input).map_err(|error| CliError::msg(error.to_string()))?;
     joined.report.warnings.splice(0..0, runs.warnings);
     joined.report.warnings.iter().for_each(|text| printer.warning(text));
+    if args.refine.is_some() && joined.scene.instances.is_empty() {
+        let what =
+            "--refine: the blocks have no objects in common; without --refine their clouds are joined as they are";
+        return Err(CliError::msg(what));
+    }
     match (&args.refine, config) {
         (Some(run), Some(config)) => {
             let resume = is_begun(run, &joined.scene)?;
@@ -113,9 +118,9 @@ fn cameras(data: &Path, args: &JoinArgs, printer: &Printer) -> Result<Vec<Camera
 fn is_begun(run: &Path, scene: &InstancedScene) -> Result<bool, IoError> {
     let folder = RunFolder::new(run);
     if folder.initial_scene().is_file() && !folder.plain_cloud_run().path().exists() {
-        // Compared as it is read back: an empty tensor has no SH degree in a file.
+        // By what is drawn where: an empty cloud has no SH degree in a file.
         let begun = load_scene(&folder.initial_scene())?.scene;
-        if begun.background == scene.background && begun.instances == scene.instances {
+        if begun.instances == scene.instances && begun.flatten().means == scene.flatten().means {
             return Ok(true);
         }
     }

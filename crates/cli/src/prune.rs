@@ -8,9 +8,9 @@ use instgs_console::args::open_scene;
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
-use instgs_io::{ExportFormat, export_scene};
+use instgs_io::{ExportFormat, Split, export_scene, read_views};
 use instgs_train::pruning::{picture_psnr, prune};
-use instgs_train::sensitivity_cameras;
+use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
 
 /// Removes the Gaussians that pictures show least of: the scene gets smaller and draws faster. Each is judged by its weight in the
@@ -49,7 +49,7 @@ struct Report {
     /// Number of Gaussians after expanding instances, before and afterwards; hidden ones are not counted.
     drawn_before: u64,
     drawn: u64,
-    /// Gaussians that single instances no longer show, though their template still has them.
+    /// Gaussians that single instances no longer show from now on, though their template still has them.
     hidden: u64,
     /// Number of stored Gaussians.
     gaussians: u64,
@@ -70,7 +70,8 @@ pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer)
             args.out.display()
         )));
     }
-    let cameras = sensitivity_cameras(&args.data)?;
+    let dataset = read_views(&args.data)?;
+    let cameras: Vec<Camera> = dataset.split(Split::Train).map(|view| view.camera.clone()).collect();
     let gpu = device::open(device_args.choice())?;
     let mut progress = printer.progress("views", cameras.len() as u64);
     let pruned = prune(&gpu, &scene, &cameras, args.keep, || progress.step("rendered"))?;
@@ -83,8 +84,8 @@ pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer)
     let report = Report {
         scene: args.scene.display().to_string(),
         out: args.out.display().to_string(),
-        drawn_before: scene.expanded_len(),
-        drawn: scene.expanded_len() - pruned.fewer,
+        drawn_before: pruned.drawn + pruned.fewer,
+        drawn: pruned.drawn,
         hidden: pruned.hidden,
         gaussians: pruned.scene.source_len() as u64,
         picture_psnr,

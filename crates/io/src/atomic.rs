@@ -10,7 +10,7 @@ use std::time::Duration;
 use crate::{IoError, read_bytes};
 
 /// Prefix of the names of [`atomic_write`]'s temporary files; a killed process may leave one behind.
-pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
+pub const TEMPORARY_PREFIX: &str = ".instgs-";
 /// A temporary file that is younger may not have been locked yet.
 const LOCKED_AFTER: Duration = Duration::from_secs(1);
 

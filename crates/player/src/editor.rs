@@ -78,9 +78,7 @@ impl Editor {
 
     /// Marks the scene as saved if nothing was changed since a revision.
     pub fn saved_at(&mut self, revision: u64) {
-        if self.revision == revision && !self.is_live() {
-            self.unsaved = false;
-        }
+        self.unsaved &= self.revision != revision;
     }
 
     /// What can be undone and what can be redone, by the names of the edits, the next one first.

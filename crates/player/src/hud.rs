@@ -165,6 +165,11 @@ impl Hud {
         Self { visible, axes: true, ..Self::default() }
     }
 
+    /// Another scene is opened: what was typed and unfolded belongs to the old one.
+    pub(super) fn forget_scene(&mut self) {
+        self.outliner = Outliner::default();
+    }
+
     /// Lays out the overlay for one frame and returns the user's actions.
     pub(super) fn lay_out(&mut self, ctx: &Context, facts: &Facts<'_>, settings: Settings<'_>) -> Vec<Action> {
         let mut actions = Vec::new();

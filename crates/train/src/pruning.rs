@@ -19,6 +19,8 @@ use super::error::TrainError;
 pub struct Pruned {
     /// What is left.
     pub scene: InstancedScene,
+    /// Number of expanded Gaussians that are drawn; those that an earlier pruning has hidden are not.
+    pub drawn: u64,
     /// Number of expanded Gaussians that are no longer drawn.
     pub fewer: u64,
     /// How many of them are still stored, since other instances show the same Gaussian of their template.
@@ -51,14 +53,15 @@ pub fn prune(
         let sum: f64 = removables.flat_indices(removable).map(|flat| weights[flat]).sum();
         sum / removable.draws() as f64
     };
-    let all = removables.all.iter().enumerate();
+    let all = removables.all.iter().enumerate().filter(|(_, removable)| !Removables::is_hidden(scene, removable));
+    let before: usize = all.clone().map(|(_, removable)| removable.draws()).sum();
     let mut order: Vec<(f64, usize)> = all
         .filter(|(_, removable)| is_framed(removable))
         .map(|(i, removable)| (weight_per_draw(removable), i))
         .collect();
     // Stable: those of the same weight go in the order of the scene.
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut drawn = scene.expanded_len() as f64;
+    let mut drawn = before as f64;
     let goal = keep * drawn;
     let mut is_removed = vec![false; removables.all.len()];
     for (_, i) in order {
@@ -70,7 +73,8 @@ pub fn prune(
     }
     let (pruned, fewer) = removables.removed(scene, &is_removed);
     let fewer = fewer as u64;
-    Ok(Pruned { fewer, hidden: fewer - (scene.expanded_len() - pruned.expanded_len()), scene: pruned })
+    let hidden = fewer.saturating_sub(scene.expanded_len() - pruned.expanded_len());
+    Ok(Pruned { drawn: before as u64 - fewer, fewer, hidden, scene: pruned })
 }
 
 /// By expanded Gaussian in flat order, the sum of its blending weights over all pixels of all cameras, pixels.

@@ -324,6 +324,12 @@ fn first_instanced(
     data.warnings.extend(resumed.warnings);
     let path = job.folder().initial_scene();
     let mut scene = load_scene(&path)?.scene;
+    // A cloud without Gaussians is read as one of degree 0.
+    for cloud in [&mut scene.templates, &mut scene.own, &mut scene.background] {
+        if cloud.is_empty() {
+            cloud.sh_degree = job.config.sh_degree;
+        }
+    }
     let degrees = [&scene.templates, &scene.background].map(|cloud| cloud.sh_degree);
     if degrees != [job.config.sh_degree; 2] {
         let [templates, background] = degrees;

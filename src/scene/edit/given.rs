@@ -3,7 +3,6 @@
 use glam::{DMat3, DVec3};
 
 use crate::math::sh::widened;
-use crate::math::similarity::Similarity;
 use crate::scene::edit::membership::{drop_foreign, release};
 use crate::scene::edit::scatter::span;
 use crate::scene::edit::{EditOutcome, EditReason, Selector, checked};
@@ -21,7 +20,7 @@ pub(super) fn give(scene: &mut InstancedScene, which: &Selector, margin: f64) ->
     }
     let k = which.resolve_one(scene)?;
     let instance = scene.instances[k].clone();
-    let template_from_world = checked(inverse(&instance.world_from_template), k)?;
+    let template_from_world = checked(instance.world_from_template.inverse(), k)?;
     let spans = DVec3::AXES.map(|axis| span(scene, instance.template, DMat3::IDENTITY, axis));
     let [low, high] = [0, 1].map(|end| DVec3::from_array(spans.map(|span| span[end])));
     // The box of a flat template has no thickness: rounding must not put its own plane outside.
@@ -80,10 +79,4 @@ pub(super) fn take(scene: &mut InstancedScene, which: &Selector) -> Result<EditO
     }
     release(scene, &[], &mut outcome);
     Ok(outcome)
-}
-
-/// The similarity that undoes another.
-fn inverse(of: &Similarity) -> Similarity {
-    let inverse = of.linear().inverse();
-    Similarity::from_parts(inverse, 1.0, -(inverse * of.translation()))
 }

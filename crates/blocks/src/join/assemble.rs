@@ -6,10 +6,9 @@ use instgs_objects::template::{Adopter, OffsetKinds, Unmatched};
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 
-use super::kinds::{Kinds, UsedTemplate, after};
+use super::kinds::{Kinds, UsedTemplate};
 use super::objects::{BlockObject, KeptObject};
 use super::seams::BlockBackground;
-use super::shown::instance_in_world;
 use super::{BlockReport, JoinInput, JoinReport, Joined, KindReport};
 use crate::error::BlocksError;
 
@@ -88,8 +87,13 @@ impl Builder {
     fn new(scenes: &[InstancedScene]) -> Self {
         let any = |is: &dyn Fn(&InstancedScene) -> bool| scenes.iter().any(is);
         let has_offsets = any(&|scene| !scene.offsets.is_empty());
-        let degree = scenes.iter().map(|scene| scene.templates.sh_degree).max().unwrap_or(0);
-        let background = Gaussians { sh_degree: scenes[0].background.sh_degree, ..Gaussians::default() };
+        let has_colors = any(&|scene| !scene.color_from_template.is_empty());
+        // Clouds without Gaussians are read as degree 0.
+        let degree_of = |cloud: fn(&InstancedScene) -> &Gaussians| {
+            scenes.iter().map(|scene| cloud(scene).sh_degree).max().unwrap_or(0)
+        };
+        let degree = degree_of(|scene| &scene.templates);
+        let background = Gaussians { sh_degree: degree_of(|scene| &scene.background), ..Gaussians::default() };
         let cloud = || Gaussians { sh_degree: degree, ..Gaussians::default() };
         Self {
             scene: InstancedScene {
@@ -101,13 +105,14 @@ impl Builder {
             },
             kinds: OffsetKinds {
                 position: has_offsets,
-                sh_dc: has_offsets,
+                // Adopted instances have no colour matrix: their offsets carry what it did.
+                sh_dc: has_offsets || has_colors,
                 opacity: has_offsets,
-                sh_rest: any(&|scene| !scene.offsets.sh_rest.is_empty()),
+                sh_rest: any(&|scene| !scene.offsets.sh_rest.is_empty()) || (has_colors && degree > 0),
                 covariance: any(&|scene| !scene.offsets.quats.is_empty()),
             },
             has_own: any(&|scene| !scene.own.is_empty()),
-            has_colors: any(&|scene| !scene.color_from_template.is_empty()),
+            has_colors,
             adopter: None,
             moved: BTreeMap::new(),
             next_id: 1,
@@ -139,7 +144,7 @@ impl Builder {
             let first_offset = old.first_offset.map(|first| self.copied_records(from, used, first));
             Instance { template, world_from_template: old.world_from_template, first_offset }
         } else {
-            let world_from_template = after(old.world_from_template, used.template_from_reference);
+            let world_from_template = old.world_from_template.after(&used.template_from_reference);
             self.adopted(from, k, Instance { template, world_from_template, first_offset: None })
         };
         let scene = &mut self.scene;
@@ -177,7 +182,7 @@ impl Builder {
         let range = self.scene.template_ranges[instance.template as usize];
         let adopter = self.adopter.get_or_insert_with(|| Adopter::new(self.scene.templates.range(range)));
         let unmatched = if self.has_own { Unmatched::Own } else { Unmatched::Drop };
-        let adopted = adopter.adopt(&instance_in_world(from, k), &instance.world_from_template, self.kinds, unmatched);
+        let adopted = adopter.adopt(&from.flatten_one(k), &instance.world_from_template, self.kinds, unmatched);
         if !adopted.offsets.is_empty() {
             instance.first_offset = Some(self.scene.offsets.len() as u32);
             (0..adopted.offsets.len()).for_each(|m| {

@@ -69,13 +69,13 @@ pub(super) fn match_kinds(
             continue;
         };
         let example = |one: &UsedTemplate| input.scenes[one.block].instances[one.example].world_from_template;
-        let group_from_reference = after(inverse(world_from_group), example(&used[chief]));
+        let group_from_reference = world_from_group.inverse().after(&example(&used[chief]));
         for (u, world_from_group) in members {
-            let template_from_group = after(inverse(example(&used[u])), world_from_group);
+            let template_from_group = example(&used[u]).inverse().after(&world_from_group);
             let is_chief = u == chief;
             used[u].kind = kind;
             used[u].template_from_reference =
-                if is_chief { Similarity::IDENTITY } else { after(template_from_group, group_from_reference) };
+                if is_chief { Similarity::IDENTITY } else { template_from_group.after(&group_from_reference) };
             is_matched[u] = true;
         }
         reference.push(chief);
@@ -178,16 +178,4 @@ fn apart(input: &JoinInput<'_>, used: &[UsedTemplate], reference: &[usize], regi
         }
     }
     out
-}
-
-/// The similarity that applies `first` and then `second`.
-pub(super) fn after(second: Similarity, first: Similarity) -> Similarity {
-    let linear = second.linear() * first.linear();
-    Similarity::from_parts(linear, 1.0, second.transform_point(first.translation()))
-}
-
-/// The inverse similarity.
-pub(super) fn inverse(of: Similarity) -> Similarity {
-    let linear = of.linear().inverse();
-    Similarity::from_parts(linear, 1.0, -(linear * of.translation()))
 }

@@ -5,7 +5,6 @@ mod kinds;
 mod objects;
 mod runs;
 mod seams;
-mod shown;
 #[cfg(test)]
 mod tests;
 

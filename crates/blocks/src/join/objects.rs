@@ -5,7 +5,6 @@ use instgs_vk::math::covariance::sigmoid;
 use instgs_vk::math::sh::widened;
 use instgs_vk::scene::{Gaussians, InstancedScene};
 
-use super::shown::instance_in_world;
 use crate::plan::Plan;
 
 /// Two objects of different blocks whose centres are nearer than this part of the smaller one's radius are one.
@@ -41,7 +40,7 @@ pub(super) fn candidates(plan: &Plan, scenes: &[InstancedScene]) -> Vec<BlockObj
     for (block, (scene, planned)) in scenes.iter().zip(&plan.blocks).enumerate() {
         let grown = planned.cell.grown(planned.margin);
         for instance in 0..scene.instances.len() {
-            let (centre, radius) = middle(&instance_in_world(scene, instance));
+            let (centre, radius) = middle(&scene.flatten_one(instance));
             let at = plan.ground.flat(centre);
             if grown.owns(at) {
                 out.push(BlockObject { block, instance, centre, radius, depth: planned.cell.depth(at) });
@@ -68,7 +67,8 @@ pub(super) fn each_once(found: &[BlockObject]) -> Vec<KeptObject> {
     for object in order {
         let same = |other: &KeptObject| {
             let (a, b) = (&found[object], &found[other.object]);
-            a.block != b.block && a.centre.distance(b.centre) < SAME_PLACE * a.radius.min(b.radius)
+            // A block has found each of its objects once: of two, only one can be the same as another block's.
+            !other.blocks.contains(&a.block) && a.centre.distance(b.centre) < SAME_PLACE * a.radius.min(b.radius)
         };
         match kept.iter_mut().find(|other| same(other)) {
             Some(other) => other.blocks.push(found[object].block),

@@ -7,7 +7,6 @@ use instgs_vk::math::sh::widened;
 use instgs_vk::scene::{Gaussians, InstancedScene};
 
 use super::objects::{BlockObject, KeptObject};
-use super::shown::instance_in_world;
 use crate::plan::Plan;
 
 /// What is kept of one block's background.
@@ -35,7 +34,7 @@ pub(super) fn background(
     for one in kept {
         let object = &found[one.object];
         let others: Vec<usize> = (0..scenes.len()).filter(|b| !one.blocks.contains(b)).collect();
-        let shown = instance_in_world(&scenes[object.block], object.instance);
+        let shown = scenes[object.block].flatten_one(object.instance);
         let is_within = |b: &usize| {
             let cell = plan.blocks[*b].cell;
             shown.means.iter().all(|&mean| cell.owns(plan.ground.flat(widened(mean))))

@@ -55,11 +55,11 @@ fn floor() -> Gaussians {
 /// A block with an object at each x, of a template whose frame is turned and moved, and with offsets of its own.
 fn block(template: Gaussians, world_from_frame: Similarity, at: &[f64], background: Gaussians) -> InstancedScene {
     let count = template.len() as u32;
-    let templates = template.placed(kinds::inverse(world_from_frame));
+    let templates = template.placed(world_from_frame.inverse());
     let place = |x: f64| Similarity::from_parts(DMat3::from_rotation_z(0.4 * x), 1.0, DVec3::X * x);
     let instance = |(k, &x): (usize, &f64)| Instance {
         template: 0,
-        world_from_template: kinds::after(place(x), world_from_frame),
+        world_from_template: place(x).after(&world_from_frame),
         first_offset: Some(k as u32 * count),
     };
     let records = at.len() * count as usize;
@@ -125,7 +125,7 @@ fn blocks_of_a_row_become_one_row() {
     assert_eq!(scene.offsets.sh_dc[..records], scenes[0].offsets.sh_dc[..]);
     // Those of block 1 are where they were, turned alike, and keep their colours.
     for (k, x) in [(4, 3.2), (5, 6.0)] {
-        let shown = shown::instance_in_world(&scene, k);
+        let shown = scene.flatten_one(k);
         let surface = instgs_vk::math::nearest::PointSet::new(&surface_at(x).means);
         let far = shown.means.iter().filter(|&&mean| surface.distance(mean) > NEAR).count();
         assert!(far < POINTS / 50, "{k}: {far}");
@@ -134,7 +134,7 @@ fn blocks_of_a_row_become_one_row() {
         assert!(shown.means.iter().filter(|&&mean| planted.distance(mean) > NEAR).count() > POINTS / 10);
         let old = if k == 4 { 1 } else { 2 };
         let red = |cloud: &Gaussians| cloud.sh.iter().map(|c| f64::from(c[0])).sum::<f64>() / cloud.len() as f64;
-        let (is, was) = (red(&shown), red(&shown::instance_in_world(&scenes[1], old)));
+        let (is, was) = (red(&shown), red(&scenes[1].flatten_one(old)));
         assert!((is - was).abs() < 0.05, "{is} {was}");
     }
     // The floor is whole, once, but for a few Gaussians below the object; the object in the background is gone.

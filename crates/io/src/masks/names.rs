@@ -56,9 +56,21 @@ impl NameIndex {
         self.by_path.get(name).or_else(|| self.by_path.get(&whole()?)).copied()
     }
 
+    /// The entry whose path, with a folder, is the end of that of the view's photo: a part of a data set may have one camera of a rig,
+    /// whose views are then not named by their folder.
+    fn by_end_of_path(&self, view: &View) -> Option<usize> {
+        let photo = view.image_path.with_extension("");
+        let parts: Vec<_> = photo.iter().map(|part| part.to_string_lossy()).collect();
+        let ends = (0..parts.len().saturating_sub(1)).map(|skipped| parts[skipped..].join("_"));
+        ends.filter_map(|end| self.by_path.get(&end).copied()).next()
+    }
+
     /// The entry of a view: by its path, else by its file name if only one folder has it.
     pub(super) fn find(&self, view: &View) -> Found {
         if let Some(entry) = self.by_path(view) {
+            return Found::One(entry);
+        }
+        if let Some(entry) = self.by_end_of_path(view) {
             return Found::One(entry);
         }
         let name = &view.camera.name;

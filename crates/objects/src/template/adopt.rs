@@ -43,13 +43,14 @@ impl Adopter {
         let all: Vec<u32> = (0..object.len() as u32).collect();
         let cloud = InstanceCloud::new(object, &all, world_from_template);
         let mut out = Adopted { own: Gaussians::with_capacity(object.sh_degree, 0), ..Adopted::default() };
-        if !kinds.any() {
-            return out;
-        }
         let options = TemplateOptions { kinds, unmatched, ..TemplateOptions::default() };
         let common = push_offsets(&self.template, object, &cloud, &options, &mut out.offsets);
         out.lacking = common.lacking;
-        if unmatched == Unmatched::Own {
+        if !kinds.any() {
+            out.offsets = Offsets::default();
+        }
+        // What is too small to be matched looks like the template, and is not drawn beside it once more.
+        if unmatched == Unmatched::Own && cloud.is_usable() {
             for (&i, _) in cloud.indices.iter().zip(&common.matched).filter(|(_, matched)| !**matched) {
                 cloud.template_from_world.push(object, i as usize, &mut out.own);
             }
@@ -115,5 +116,7 @@ mod tests {
         assert!(dropped.own.is_empty() && dropped.offsets.len() == 200);
         let bare = OffsetKinds { position: false, sh_dc: false, opacity: false, ..OffsetKinds::default() };
         assert!(adopter.adopt(&world, &pose, bare, Unmatched::Drop).offsets.is_empty());
+        let own_alone = adopter.adopt(&world, &pose, bare, Unmatched::Own);
+        assert_eq!((own_alone.offsets.len(), own_alone.own.len()), (0, 10));
     }
 }

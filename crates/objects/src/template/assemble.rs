@@ -110,11 +110,13 @@ fn add_group(
     Ok(report)
 }
 
-/// Makes the Gaussians of the last instance that have no match its own; returns their number.
+/// Makes the Gaussians of the last instance that have no match its own; returns their number. One that is too small to be matched
+/// is shown as the template, and has none.
 fn push_unmatched(cloud: &Gaussians, own: &InstanceCloud, common: &Common, scene: &mut InstancedScene) -> usize {
     let first = scene.own.len() as u32;
     scene.own.sh_degree = cloud.sh_degree;
-    for (&i, _) in own.indices.iter().zip(&common.matched).filter(|(_, matched)| !**matched) {
+    let is_own = |(_, matched): &(&u32, &bool)| own.is_usable() && !**matched;
+    for (&i, _) in own.indices.iter().zip(&common.matched).filter(is_own) {
         own.template_from_world.push(cloud, i as usize, &mut scene.own);
     }
     let count = scene.own.len() as u32 - first;

@@ -45,12 +45,13 @@ fn tools(ui: &mut Ui, facts: &Facts<'_>, panels: &mut OpenPanels, actions: &mut 
     };
     let panel = Action::TogglePanel;
     button(ui, true, panels.open, icon::FOLDER_OPEN, texts::OPEN_TIP, panel(Panel::Open));
-    button(ui, facts.work.is_none(), false, icon::FLOPPY_DISK, texts::SAVE_TIP, Action::Save);
+    // Boxes have their own file and history, which only keys reach.
+    button(ui, facts.work.is_none() && !facts.boxes, false, icon::FLOPPY_DISK, texts::SAVE_TIP, Action::Save);
     button(ui, true, panels.save_as, icon::EXPORT, texts::SAVE_AS_TIP, panel(Panel::SaveAs));
     ui.separator();
-    let undoes = undo > 0 || facts.editor.is_live();
+    let undoes = !facts.boxes && (undo > 0 || facts.editor.is_live());
     button(ui, undoes, false, icon::ARROW_U_UP_LEFT, texts::UNDO_TIP, Action::Undo);
-    button(ui, redo > 0, false, icon::ARROW_U_UP_RIGHT, texts::REDO_TIP, Action::Redo);
+    button(ui, redo > 0 && !facts.boxes, false, icon::ARROW_U_UP_RIGHT, texts::REDO_TIP, Action::Redo);
     ui.separator();
     for (mode, icon, tip) in [
         (GizmoMode::Off, icon::CURSOR, texts::SELECT_TIP),

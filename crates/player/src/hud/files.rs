@@ -53,7 +53,7 @@ impl FilePanel {
             }
         });
         panel(ctx, texts::SAVE_AS, Place::of(ctx, Align2::CENTER_TOP), &mut saves, |ui| {
-            if let Some(path) = self.saving(ui, facts) {
+            if let Some(path) = self.saving(ui) {
                 actions.push(Action::Write(path));
                 panels.save_as = false;
             }
@@ -79,11 +79,11 @@ impl FilePanel {
         chosen
     }
 
-    fn saving(&mut self, ui: &mut Ui, facts: &Facts<'_>) -> Option<PathBuf> {
+    fn saving(&mut self, ui: &mut Ui) -> Option<PathBuf> {
         ui.set_min_width(1.5 * WIDTH);
         let chosen = self.path_row(ui, true);
         ui.label(texts::FORMATS);
-        chosen.filter(|_| facts.work.is_none())
+        chosen
     }
 
     /// The field of a path with its buttons; returns the path once it is confirmed.

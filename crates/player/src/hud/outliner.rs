@@ -15,7 +15,7 @@ use instgs_vk::scene::edit::Edit;
 /// Height of the list, points: it fits below the search on small windows, too.
 const HEIGHT: f32 = 360.0;
 
-/// State of the list.
+/// What the user has typed and unfolded in the Scene panel.
 #[derive(Default)]
 pub(super) struct Outliner {
     search: String,

@@ -214,13 +214,19 @@ impl Live {
         Ok(held | self.box_let_go())
     }
 
-    /// Reverts the drag, or turns the brush off; false if there was neither.
+    /// Reverts the drag or the change that waits for a button, or turns the brush off; false if there was none of them.
     pub(super) fn drop_grip(&mut self) -> Result<bool, PlayerError> {
         if self.input.editing.grip.take().is_some() {
             self.session.viewer.cancel_live()?;
             return Ok(true);
         }
-        Ok(std::mem::take(&mut self.hud.edit.brush.on) || self.hud.edit.stop_points())
+        let drew = self.hud.edit.stop_points();
+        // The preview of a scattering, or the box of a cut.
+        if self.hud.edit.is_busy() && self.session.viewer.editor().is_live() {
+            self.session.viewer.cancel_live()?;
+            return Ok(true);
+        }
+        Ok(std::mem::take(&mut self.hud.edit.brush.on) || drew)
     }
 
     /// Carries out the panel's actions.
@@ -260,10 +266,7 @@ impl Live {
                 Action::TogglePanel(panel) => self.toggle_panel(panel),
                 Action::Boxes => self.toggle_boxes()?,
                 Action::Save => self.write_beside(&self.session.save_path()),
-                Action::Write(path) => {
-                    self.session.viewer.editor_mut().finish();
-                    self.write_beside(&path);
-                }
+                Action::Write(path) => self.write_beside(&path),
                 Action::Open(path) => self.ask_and_open(&path, job)?,
                 Action::CancelWork => self.cancel_work(),
                 Action::Draw { take, size_px, frames } => self.draw_frames(take, size_px, frames),
@@ -347,6 +350,7 @@ impl Live {
                     Ok(true)
                 }
                 KeyCode::KeyL => {
+                    self.let_go()?;
                     let all: Vec<usize> = self.session.viewer.editor().locked().iter().copied().collect();
                     Ok(self.session.viewer.editor_mut().set_locked(&all, false))
                 }

@@ -212,6 +212,7 @@ impl Live {
             KeyCode::KeyF if self.input.boxing.on => self.find_rest(),
             KeyCode::KeyF => self.act_on_camera(&Action::Frame)?,
             KeyCode::KeyL => {
+                self.let_go()?;
                 let chosen: Vec<usize> = self.session.viewer.editor().chosen().iter().copied().collect();
                 self.session.viewer.editor_mut().set_locked(&chosen, true);
             }

@@ -19,7 +19,7 @@ impl Live {
     /// True if something is unsaved and the user has not just been warned; then displays that doing the same
     /// `once_more` continues without saving. A key or a button in between resets the warning.
     pub(super) fn asks_first(&mut self, once_more: &str) -> bool {
-        self.wait_for_writing();
+        self.wait_for_saving();
         if !self.is_unsaved() || self.input.warned.as_deref() == Some(once_more) {
             return false;
         }

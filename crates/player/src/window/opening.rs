@@ -124,6 +124,9 @@ impl Live {
         if let Show::Depth(_) = options.show {
             options.show = View::Depth.show(orbit.distance);
         }
+        // Frames that are being drawn are of the old scene.
+        self.cancel_work();
+        self.hud.forget_scene();
         self.input.editing = Editing::default();
         (self.hud.edit, self.hud.cameras) = (EditPanel::default(), CameraPanel::default());
         self.stop_search();

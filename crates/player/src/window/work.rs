@@ -14,10 +14,14 @@ use super::Live;
 use crate::actions::Take;
 use crate::error::PlayerError;
 use crate::recording::{PATH_FPS, Recording};
-use instgs_io::{ExportFormat, export_scene, save_scene};
+use instgs_io::{ExportFormat, IoError, TEMPORARY_PREFIX, export_scene, save_scene};
 use instgs_vk::scene::{Camera, InstancedScene};
+use tempfile::{NamedTempFile, TempPath};
 
-/// The work that runs.
+/// How often it is looked whether ffmpeg has ended.
+const LOOK_AT_FFMPEG: Duration = Duration::from_millis(50);
+
+/// What runs beside the picture; there is one at a time.
 pub(super) struct Work {
     name: String,
     cancelled: Arc<AtomicBool>,
@@ -57,7 +61,11 @@ impl Live {
             self.hud.message = Some(format!("{path} could not be opened, so there is nothing to save"));
             return;
         }
-        self.wait_for_writing();
+        // Saving again waits for the file that is being saved. Other work is not thrown away for it.
+        self.wait_for_saving();
+        if let Some(work) = &self.work {
+            return self.hud.message = Some(format!("{} is still running: wait, or cancel it", work.name));
+        }
         let saves = to.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
         let format = match ExportFormat::of(to, None) {
             Ok(format) => format,
@@ -81,6 +89,13 @@ impl Live {
         let Some(work) = self.work.take() else { return };
         work.cancelled.store(true, Ordering::Relaxed);
         self.hud.message = Some(format!("{} was cancelled", work.name));
+    }
+
+    /// Waits until the scene's own file is written, if it is being written.
+    pub(super) fn wait_for_saving(&mut self) {
+        while matches!(&self.work, Some(Work { kind: Kind::Write { saved_revision: Some(_), .. }, .. })) {
+            self.note_written(Duration::from_secs(1));
+        }
     }
 
     /// Waits until a file is written; other work goes on.
@@ -139,7 +154,6 @@ impl Live {
         if let Some(camera) = drawing.cameras.get(drawing.next).cloned() {
             let path =
                 drawing.single.clone().unwrap_or_else(|| drawing.folder.join(format!("{:05}.png", drawing.next)));
-            drawing.next += 1;
             let drawn = self.session.viewer.draw(&camera).and_then(|()| self.session.viewer.screenshot(&path));
             match drawn {
                 Err(error) if error.is_lost() => return Err(error),
@@ -148,7 +162,12 @@ impl Live {
                     self.work = None;
                     self.hud.message = Some(error.to_string());
                 }
-                Ok(()) => {}
+                // Only now: a frame during which the device was lost is drawn again, so that no number is missing.
+                Ok(()) => {
+                    if let Some(Work { kind: Kind::Draw(drawing), .. }) = &mut self.work {
+                        drawing.next += 1;
+                    }
+                }
             }
             return Ok(true);
         }
@@ -171,10 +190,9 @@ impl Live {
         let (sender, done) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
         let (folder, to, stop) = (folder.to_path_buf(), folder.with_extension("mp4"), cancelled.clone());
-        let part = folder.with_extension("part.mp4");
         let name = format!("Making {}", to.file_name().unwrap_or_default().to_string_lossy());
         let kind = Kind::Write { done, to: to.clone(), saved_revision: None };
-        std::thread::spawn(move || drop(sender.send(video(&folder, &part, &to, &stop))));
+        std::thread::spawn(move || drop(sender.send(video(&folder, &to, &stop))));
         self.work = Some(Work { name, cancelled, kind });
     }
 }
@@ -192,8 +210,7 @@ struct Writing {
 impl Writing {
     /// Writes under a temporary name, and renames unless the user has cancelled.
     fn run(self) -> Result<(), String> {
-        let ending = self.to.extension().unwrap_or_default().to_string_lossy().into_owned();
-        let part = self.to.with_extension(format!("{}.part.{ending}", std::process::id()));
+        let part = part_of(&self.to)?;
         let done = if self.saves {
             save_scene(&part, &self.scene)
         } else {
@@ -202,26 +219,56 @@ impl Writing {
         // Its errors name the temporary file.
         let named = |text: String| text.replace(&part.display().to_string(), &self.to.display().to_string());
         done.map_err(|error| named(error.to_string()))?;
-        finish_file(&part, &self.to, &self.cancelled)
+        finish_file(part, &self.to, &self.cancelled)
     }
+}
+
+/// An empty temporary file beside another and with its ending, which is removed unless it gets the other's name. It is named as
+/// those of `instgs_io`, so that what a killed player leaves is removed as theirs is.
+fn part_of(to: &Path) -> Result<TempPath, String> {
+    let folder = to.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let ending = format!(".{}", to.extension().unwrap_or_default().to_string_lossy());
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // ffmpeg writes into this file: others may read it as far as the process's umask lets them.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let part = builder.prefix(TEMPORARY_PREFIX).suffix(&ending).tempfile_in(folder);
+    part.map(NamedTempFile::into_temp_path).map_err(|error| cannot_write(to, &error))
+}
+
+fn cannot_write(to: &Path, error: &std::io::Error) -> String {
+    IoError::os(to, "cannot write", error).to_string()
 }
 
 /// Gives a complete file its name, or removes it if the user has cancelled.
-fn finish_file(part: &Path, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
+fn finish_file(part: TempPath, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
     if cancelled.load(Ordering::Relaxed) {
-        let _ = std::fs::remove_file(part);
         return Err("cancelled".into());
     }
-    std::fs::rename(part, to).map_err(|error| format!("{}: cannot write: {error}", to.display()))
+    part.persist(to).map_err(|error| cannot_write(to, &error.error))
 }
 
 /// Runs ffmpeg on numbered frames.
-fn video(folder: &Path, part: &Path, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
+fn video(folder: &Path, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
+    let part = part_of(to)?;
     let mut ffmpeg = Command::new("ffmpeg");
     ffmpeg.args(["-y", "-loglevel", "error", "-framerate", &PATH_FPS.to_string(), "-i"]).arg(folder.join("%05d.png"));
     // Players want even sides and this format.
-    ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]).arg(part);
-    let output = ffmpeg.stdin(Stdio::null()).output().map_err(|error| format!("ffmpeg: {error}"))?;
+    ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]).arg(&part);
+    let failed = |error: std::io::Error| format!("ffmpeg: {error}");
+    let ffmpeg = ffmpeg.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut ffmpeg = ffmpeg.spawn().map_err(failed)?;
+    while ffmpeg.try_wait().map_err(failed)?.is_none() {
+        if cancelled.load(Ordering::Relaxed) {
+            ffmpeg.kill().and_then(|()| ffmpeg.wait()).map_err(failed)?;
+            return Err("cancelled".into());
+        }
+        std::thread::sleep(LOOK_AT_FFMPEG);
+    }
+    let output = ffmpeg.wait_with_output().map_err(failed)?;
     if !output.status.success() {
         let reason = String::from_utf8_lossy(&output.stderr);
         return Err(format!("ffmpeg: {}", reason.lines().last().unwrap_or("failed")));
@@ -268,11 +315,12 @@ mod tests {
     #[test]
     fn what_is_cancelled_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
-        let (part, to) = (folder.path().join("a.part.ply"), folder.path().join("a.ply"));
+        let to = folder.path().join("a.ply");
         for (cancelled, exists) in [(true, false), (false, true)] {
+            let part = part_of(&to).unwrap();
             std::fs::write(&part, "x").unwrap();
-            assert_eq!(finish_file(&part, &to, &AtomicBool::new(cancelled)).is_ok(), exists);
-            assert!(to.exists() == exists && !part.exists());
+            assert_eq!(finish_file(part, &to, &AtomicBool::new(cancelled)).is_ok(), exists);
+            assert!(to.exists() == exists && folder.path().read_dir().unwrap().count() == usize::from(exists));
         }
     }
 }
