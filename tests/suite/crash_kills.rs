@@ -8,19 +8,11 @@ use std::time::Duration;
 
 use instgs_io::save_scene;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::scene::trajectory::Orbit;
 
 use crate::common::chairs::chairs;
 use crate::common::crash::{End, kill_within, let_temporaries_age, rounds, run_whole, temporaries};
-use crate::common::dataset::{photograph, write_points};
-use crate::common::paddock::embedded_scene;
-use crate::common::program::{built, program, repository, skips_gpu};
-
-fn command(name: &str) -> Command {
-    let mut command = Command::new(built(name));
-    command.current_dir(repository());
-    command
-}
+use crate::common::program::{program, skips_gpu};
+use crate::disturbed::{instgs_vk, photos, training};
 
 /// A folder with a file of chairs as `old.instgs`.
 fn chairs_in_a_folder() -> (tempfile::TempDir, PathBuf) {
@@ -61,7 +53,7 @@ fn edits_and_exports_are_whole_or_not_there() {
     let scene = fs::read(&old).unwrap();
     let file = folder.path().join("scene.instgs");
     let edit = || {
-        let mut edit = command("instgs-vk");
+        let mut edit = instgs_vk();
         edit.arg("edit").arg(&file).args(["--recolour", "0", "rgb=0.2,0,0", "--out"]).arg(&file);
         edit
     };
@@ -70,12 +62,12 @@ fn edits_and_exports_are_whole_or_not_there() {
     for format in formats {
         let file = folder.path().join(format!("exported.{format}"));
         let export = || {
-            let mut export = command("instgs-vk");
+            let mut export = instgs_vk();
             export.args(["export", "--pack", "small", "--scene"]).arg(&old).arg("--to").arg(&file);
             export
         };
         let export_alone = || {
-            let mut export = command("instgs-vk");
+            let mut export = instgs_vk();
             export.args(["export", "--scene"]).arg(&old).arg("--to").arg(&file);
             export
         };
@@ -129,16 +121,10 @@ fn a_cloud_is_trained_through_kills() {
     }
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let scene = embedded_scene();
-    photograph(program(), &scene, &Orbit::around(&scene, None).cameras(12, (96, 54)), at);
-    write_points(&scene.flatten(), 20, &at.join("data/points3d.ply"));
-    let start = |out: &str| {
-        let mut train = command("instgs-vk");
-        train.args(["train", "--data"]).arg(at.join("data")).arg("--out").arg(at.join(out)).arg("--resume");
-        train.args(["--config", "quick", "--steps", "96", "--max-gaussians", "1200", "--set", "checkpoint_every=16"]);
-        train.args(["--set", "densify.start=10", "--set", "densify.every=8"]);
-        train
-    };
+    photos(at);
+    let settings = ["--steps", "96", "--max-gaussians", "1200", "--set", "checkpoint_every=16"];
+    let settings = [&settings[..], &["--set", "densify.start=10", "--set", "densify.every=8"]].concat();
+    let start = |out: &str| training(instgs_vk(), at, out, &settings);
     let results = ["scene.instgs", "point_cloud.ply", "checkpoints/step_0000096.safetensors"];
     killed_run(at, rounds(3), &start, &results, &mut Rng::new(2));
 }
@@ -160,7 +146,7 @@ fn killed_run_of_cars(kills: usize, command_line: &[&str], results: &[&str], see
     let at = folder.path();
     cars(at);
     let start = |out: &str| {
-        let mut run = command("instgs-vk");
+        let mut run = instgs_vk();
         run.args(command_line).args(["--config", "instgs_quick"]).arg("--data").arg(at.join("data"));
         run.arg("--out").arg(at.join(out)).arg("--groups").arg(at.join("data/groups_noisy.json"));
         run

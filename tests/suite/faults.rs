@@ -6,18 +6,16 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use instgs_io::{save_scene, write_cameras};
-use instgs_vk::scene::trajectory::Orbit;
+use instgs_io::save_scene;
 
 use crate::common::chairs::chairs;
 use crate::common::crash::{rounds, run_whole, temporaries};
-use crate::common::dataset::{photograph, write_points};
-use crate::common::paddock::embedded_scene;
-use crate::common::program::{built, program, repository, skips_gpu};
+use crate::common::program::skips_gpu;
+use crate::disturbed::{error_line, instgs_vk, photos, training};
 
 fn command(faults: &str) -> Command {
-    let mut command = Command::new(built("instgs-vk"));
-    command.current_dir(repository()).env("INSTGS_FAULTS", faults);
+    let mut command = instgs_vk();
+    command.env("INSTGS_FAULTS", faults);
     command
 }
 
@@ -26,10 +24,8 @@ fn failed(output: &Output, words: &[&str]) -> bool {
     if output.status.success() {
         return false;
     }
-    let text = String::from_utf8(output.stderr.clone()).unwrap();
-    let errors: Vec<&str> = text.lines().filter(|line| !line.starts_with("warning: ")).collect();
-    assert!(output.status.code() == Some(1) && errors.len() == 1, "{:?}: {text}", output.status);
-    assert!(words.iter().any(|word| errors[0].contains(word)), "{text}");
+    let line = error_line(output);
+    assert!(words.iter().any(|word| line.contains(word)), "{line}");
     true
 }
 
@@ -108,23 +104,11 @@ fn a_training_can_be_resumed_after_any_fault() {
     }
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let scene = embedded_scene();
-    let cameras = Orbit::around(&scene, None).cameras(12, (96, 54));
-    photograph(program(), &scene, &cameras, at);
-    write_cameras(&at.join("cameras.json"), &cameras).unwrap();
-    write_points(&scene.flatten(), 20, &at.join("data/points3d.ply"));
-    let start = |mut command: Command, out: &str| {
-        command.args(["train", "--data"]).arg(at.join("data")).arg("--out").arg(at.join(out)).arg("--resume");
-        command.args(["--config", "quick", "--steps", "24", "--max-gaussians", "600", "--set", "checkpoint_every=8"]);
-        command.args(["--set", "densify.start=5", "--set", "densify.every=4"]);
-        command
-    };
-    let clean = || {
-        let mut command = Command::new(built("instgs-vk"));
-        command.current_dir(repository());
-        command
-    };
-    run_whole(&mut start(clean(), "whole"));
+    photos(at);
+    let settings = ["--steps", "24", "--max-gaussians", "600", "--set", "checkpoint_every=8"];
+    let settings = [&settings[..], &["--set", "densify.start=5", "--set", "densify.every=4"]].concat();
+    let start = |command: Command, out: &str| training(command, at, out, &settings);
+    run_whole(&mut start(instgs_vk(), "whole"));
     let of = |out: &str, file: &str| fs::read(at.join(out).join(file)).unwrap();
     for (kind, words) in KINDS {
         let (mut ended, mut went_on) = (0, 0);
@@ -134,7 +118,7 @@ fn a_training_can_be_resumed_after_any_fault() {
                 true => ended += 1,
                 false => went_on += 1,
             }
-            run_whole(&mut start(clean(), "run"));
+            run_whole(&mut start(instgs_vk(), "run"));
             // Memory that is refused to a densification ends growth, which the log says; the scene is then a smaller one.
             let is_smaller = String::from_utf8(of("run", "events.jsonl")).unwrap().contains("\"device_full\"");
             for file in ["scene.instgs", "checkpoints/step_0000024.safetensors"] {

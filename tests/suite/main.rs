@@ -26,12 +26,15 @@ mod cli_shell;
 mod cli_stages;
 mod cli_train;
 mod consensus;
+#[cfg(unix)]
 mod crash_disk;
+#[cfg(unix)]
 mod crash_kills;
 #[cfg(feature = "onnx")]
 mod detect;
 #[cfg(feature = "onnx")]
 mod detect_runs;
+mod disturbed;
 mod docs;
 mod examples;
 mod faults;

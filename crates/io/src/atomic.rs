@@ -35,7 +35,8 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     let mut file = builder.prefix(TEMPORARY_PREFIX).tempfile_in(folder).map_err(|e| fail(&e))?;
-    // The lock ends with the process. Without one, on file systems that have none, the file may only be taken for a dead one's.
+    // The lock ends with the process. Where a file system has none, `sweep` gets none either and leaves the file. All that write
+    // into a folder must see each other's locks: not so on network file systems whose locks are local to a machine.
     let _ = file.as_file().try_lock();
     {
         let mut buffered = BufWriter::with_capacity(1 << 20, file.as_file_mut());

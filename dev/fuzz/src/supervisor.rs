@@ -73,7 +73,9 @@ pub fn run(program: &Path, target: &str, limits: &Limits, out: &Path) -> io::Res
             outcome.done.add(&done);
             break;
         }
-        let batch = noted(&start.progress()).ok_or_else(|| io::Error::other(start.refused(&ended)))?;
+        // A worker that dies before it begins leaves the note of the one before it.
+        let own = noted(&start.progress()).filter(|batch| *batch >= first);
+        let batch = own.ok_or_else(|| io::Error::other(start.refused(&ended)))?;
         outcome.done.inputs += (batch - first) * BATCH;
         outcome.faults.push(start.again(batch, &ended, out)?);
         first = batch + 1;
