@@ -5,6 +5,7 @@ use std::io::{BufWriter, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use super::events::{Event, EventSink};
+use super::run_files::with_folder;
 use instgs_io::{IoError, Place, atomic_write, is_at, read_bytes};
 
 /// Appends events to a file. A checkpoint relies on the events before it, and they are in the file only once
@@ -94,11 +95,13 @@ impl EventLog {
         let fail = |e: std::io::Error| IoError::os(&self.path, "was removed and cannot be written anew", &e);
         let (mut bytes, mut file) = (Vec::new(), self.file.get_ref());
         file.rewind().and_then(|()| file.read_to_end(&mut bytes)).map_err(fail)?;
-        if let Some(folder) = self.path.parent() {
-            std::fs::create_dir_all(folder).map_err(fail)?;
-        }
-        atomic_write(&self.path, |out| out.write_all(&bytes))?;
-        *self = Self { restored: true, ..Self::open(&self.path)? };
+        // Opened as it was written: a file that vanishes in between must not begin anew without its lines.
+        let file = with_folder(self.path.parent().unwrap_or(Path::new(".")), || {
+            atomic_write(&self.path, |out| out.write_all(&bytes))?;
+            let file = OpenOptions::new().read(true).append(true).open(&self.path);
+            file.map_err(|e| IoError::os(&self.path, "cannot write", &e))
+        })?;
+        (self.file, self.restored) = (BufWriter::new(file), true);
         Ok(())
     }
 
