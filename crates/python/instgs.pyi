@@ -137,11 +137,11 @@ class Scene:
         up: Optional[ArrayLike] = None,
         device: Optional[_Device] = None,
     ) -> None:
-        """Writes the scene: .instgs, .glb, .usda and .html (a page that draws it) keep instances; .ply, .spz and .sog have them
+        """Writes the scene: .instgs, .glb, .usda, .usdc and .html (a page that draws it) keep instances; .ply, .spz and .sog have them
         expanded.
 
         pack is for .instgs and .html; with data, a data set's folder, "small" is only as precise as its views need for pictures of
-        picture_psnr dB. up: the direction that becomes +y of .glb and .usda. device: for data. Raises Error."""
+        picture_psnr dB. up: the direction that becomes +y of .glb, .usda and .usdc. device: for data. Raises Error."""
     def copy(self) -> Scene:
         """An independent copy."""
     @overload

@@ -25,14 +25,14 @@ use instgs_vk::scene::trajectory::Orbit;
     instgs-vk export --scene room.ply --to room.spz\n  \
     instgs-vk export --scene room.instgs --to room.sog\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1\n  \
-    instgs-vk export --scene room.instgs --to room.usda\n  \
+    instgs-vk export --scene room.instgs --to room.usdc\n  \
     instgs-vk export --scene room.instgs --to room.html")]
 pub(super) struct ExportArgs {
     /// Scene to convert: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
     pub(super) scene: PathBuf,
-    /// File to write: .ply, .spz, .sog, .glb, .usda, .instgs or .html
-    #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|instgs|html)")]
+    /// File to write: .ply, .spz, .sog, .glb, .usda, .usdc, .instgs or .html
+    #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|usdc|instgs|html)")]
     pub(super) to: PathBuf,
     /// Number format of an .instgs file [default: f32], or of the scene in an .html [default: small]. f32: as they are. f16: 16
     /// bits, except means and transforms. q8: offsets in 8 bits, the rest as f16. small: everything rounded and entropy coded,
@@ -47,8 +47,8 @@ pub(super) struct ExportArgs {
     /// come out some 3 dB lower. Lower is smaller
     #[arg(long, value_name = "DB", default_value_t = USUAL_PICTURE_PSNR_DB, requires = "data", value_parser = parse_psnr)]
     pub(super) picture_psnr: f64,
-    /// Direction of the scene that becomes up (+y) in a .glb or .usda, or points up in an .html [default: as for render's --orbit;
-    /// for .html that of the training views, if the scene lies in the folder of its run]
+    /// Direction of the scene that becomes up (+y) in a .glb or OpenUSD file, or points up in an .html [default: as for render's
+    /// --orbit; for .html that of the training views, if the scene lies in the folder of its run]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     pub(super) up: Option<Triple>,
     /// Write a .glb in which all Gaussians are one mesh, instances expanded, for viewers that put whole meshes in order and so
@@ -141,7 +141,7 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
         format = format.in_one_mesh(to)?;
     }
     if args.up.is_some() && !format.has_up() {
-        printer.warning("--up is for .glb, .usda and .html: other formats keep the scene's axes");
+        printer.warning("--up is for .glb, .usda, .usdc and .html: other formats keep the scene's axes");
     }
     let scene = open_scene(&args.scene, printer)?.scene;
     let is_small = matches!(format, ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small));

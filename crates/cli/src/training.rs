@@ -149,7 +149,7 @@ impl TrainProgress<'_> {
             }
             Event::Step { step, loss, psnr, gaussians, steps_per_second, .. } => {
                 let text = format!(
-                    "loss {loss:.4}, PSNR {psnr:.2}, {} Gaussians, {steps_per_second:.2} steps/s",
+                    "PSNR {psnr:.2}, {steps_per_second:.2} steps/s, loss {loss:.4}, {} Gaussians",
                     grouped(*gaussians)
                 );
                 if let Some(bar) = &mut self.bar {

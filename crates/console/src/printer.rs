@@ -63,7 +63,8 @@ impl Printer {
     /// Progress over `total` steps: a bar on a terminal, plain lines elsewhere.
     pub fn progress(&self, what: &'static str, total: u64) -> Progress {
         let bar = std::io::stderr().is_terminal().then(|| {
-            let style = ProgressStyle::with_template("{prefix} {bar:32} {pos}/{len} {msg} {eta}").ok();
+            // The message is cut where the line ends, so that it stays one line.
+            let style = ProgressStyle::with_template("{prefix} {bar:16} {pos}/{len}, {eta} left  {wide_msg}").ok();
             let bar = ProgressBar::new(total).with_prefix(what);
             bar.enable_steady_tick(Duration::from_millis(200));
             style.map_or(bar.clone(), |style| bar.with_style(style))

@@ -55,7 +55,7 @@ mod spz_codec;
 mod spz_write;
 mod step_columns;
 mod text;
-pub mod usda;
+pub mod usd;
 pub mod view_image;
 mod view_resample;
 

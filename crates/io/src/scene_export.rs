@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::host_memory::available_bytes;
-use crate::{IoError, Pack, PageOptions, SpzLoss, glb, ply, scene_write, sog, spz, usda, write_page};
+use crate::{IoError, Pack, PageOptions, SpzLoss, glb, ply, scene_write, sog, spz, usd, write_page};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 
@@ -24,6 +24,8 @@ pub enum ExportFormat {
     GlbOneMesh,
     /// `.usda`: instances are prims; those without anything of their own are references to their template.
     Usda,
+    /// `.usdc`: the same as `Usda`, as a binary file.
+    Usdc,
     /// `.instgs`: not expanded, with packed values.
     Instgs(Pack),
     /// `.html`: a page that holds the `.instgs` file with packed values and draws it.
@@ -48,8 +50,9 @@ impl ExportFormat {
             "sog" => Ok(Self::Sog),
             "glb" => Ok(Self::Glb),
             "usda" => Ok(Self::Usda),
+            "usdc" => Ok(Self::Usdc),
             other => Err(IoError::new(path, format!("unknown format \".{other}\""))
-                .advise("export to .ply, .spz, .sog, .glb, .usda, .instgs or .html")),
+                .advise("export to .ply, .spz, .sog, .glb, .usda, .usdc, .instgs or .html")),
         }
     }
 
@@ -66,7 +69,7 @@ impl ExportFormat {
 
     /// True if the file says which way is up.
     pub fn has_up(self) -> bool {
-        matches!(self, Self::Glb | Self::GlbOneMesh | Self::Usda | Self::Page(_))
+        matches!(self, Self::Glb | Self::GlbOneMesh | Self::Usda | Self::Usdc | Self::Page(_))
     }
 
     /// True if the file stores every instance's Gaussians separately.
@@ -104,10 +107,11 @@ pub fn export_scene(
             check_memory(to, "its Gaussians take", glb::glb_data_bytes(scene))?;
             glb::write_glb(to, scene, up)?;
         }
-        ExportFormat::Usda => {
+        ExportFormat::Usda | ExportFormat::Usdc => {
             check_expanded_memory(to, scene)?;
             exported.gaussians = scene.expanded_len();
-            usda::write_usda(to, scene, up)?;
+            let write = if format == ExportFormat::Usda { usd::write_usda } else { usd::write_usdc };
+            write(to, scene, up)?;
         }
         ExportFormat::Ply | ExportFormat::Spz | ExportFormat::Sog | ExportFormat::GlbOneMesh => {
             check_expanded_memory(to, scene)?;
@@ -142,5 +146,28 @@ fn check_memory(to: &Path, what: &str, need: u64) -> Result<(), IoError> {
             Err(error.advise("keep it as .instgs, or use a machine with more memory"))
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use instgs_samples::sample_scene;
+
+    #[test]
+    fn one_mesh_holds_every_instance_expanded() -> Result<(), IoError> {
+        let folder = tempfile::tempdir().map_err(|e| IoError::os(Path::new("."), "no folder", &e))?;
+        let scene = sample_scene();
+        let to = folder.path().join("a.glb");
+        let format = ExportFormat::of(&to, None)?.in_one_mesh(&to)?;
+        assert!(format.is_expanded() && format.has_up());
+        let exported = export_scene(&to, &scene, format, DVec3::Y)?;
+        let read = glb::read_glb(&to)?.scene;
+        assert_eq!(exported.gaussians, scene.expanded_len());
+        assert_eq!((read.instances.len(), read.background.len() as u64), (0, scene.expanded_len()));
+        let ply = Path::new("a.ply");
+        let refused = ExportFormat::of(ply, None)?.in_one_mesh(ply).map_err(|e| e.to_string());
+        assert_eq!(refused, Err("a.ply: --one-mesh is for .glb files; leave it out, or export to .glb".into()));
+        Ok(())
     }
 }

@@ -81,11 +81,11 @@ impl Scene {
         Ok(Self::of(loaded.scene))
     }
 
-    /// Writes the scene: .instgs, .glb, .usda and .html (a page that draws it) keep instances; .ply, .spz and .sog have them
-    /// expanded.
+    /// Writes the scene: .instgs, .glb, .usda, .usdc and .html (a page that draws it) keep instances; .ply, .spz and .sog have
+    /// them expanded.
     ///
     /// pack, for .instgs and .html: "f32", "f16", "q8" or "small"; with data, a data set's folder, "small" is only as precise as its views
-    /// need for pictures of picture_psnr dB. up: the direction that becomes +y of .glb and .usda. device: for data.
+    /// need for pictures of picture_psnr dB. up: the direction that becomes +y of .glb, .usda and .usdc. device: for data.
     #[pyo3(signature = (path, pack = None, *, data = None, picture_psnr = None, up = None, device = None))]
     #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
     fn save(
