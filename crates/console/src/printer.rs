@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -13,6 +14,9 @@ use instgs_io::{IoError, atomic_write};
 
 /// Number of progress lines of a task with many steps, without a terminal.
 const PROGRESS_LINES: u64 = 10;
+
+/// The bar that the terminal shows: a process has one terminal, so all printers step around the same bar.
+static SHOWN_BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
 /// Reports to stdout, warnings and errors to stderr. A closed stream is no error: `instgs-vk ... | head` just ends.
 #[derive(Clone, Copy, Debug)]
@@ -29,7 +33,7 @@ impl Printer {
     /// Prints a line of the report in text form; dropped if stdout is for JSON.
     pub fn line(&self, text: impl Display) {
         if !self.json_on_stdout {
-            let _ = writeln!(std::io::stdout().lock(), "{}", plain(&text.to_string()));
+            beside_the_bar(|| writeln!(std::io::stdout().lock(), "{}", plain(&text.to_string())));
         }
     }
 
@@ -52,12 +56,12 @@ impl Printer {
 
     /// Prints a warning: the command continues.
     pub fn warning(&self, text: impl Display) {
-        let _ = writeln!(std::io::stderr().lock(), "warning: {}", plain(&one_line(&text)));
+        beside_the_bar(|| writeln!(std::io::stderr().lock(), "warning: {}", plain(&one_line(&text))));
     }
 
     /// Prints the error of a failed command on one line.
     pub fn error(&self, error: &CliError) {
-        let _ = writeln!(std::io::stderr().lock(), "error: {}", plain(&one_line(error)));
+        beside_the_bar(|| writeln!(std::io::stderr().lock(), "error: {}", plain(&one_line(error))));
     }
 
     /// Progress over `total` steps: a bar on a terminal, plain lines elsewhere.
@@ -67,7 +71,9 @@ impl Printer {
             let style = ProgressStyle::with_template("{prefix} {bar:16} {pos}/{len}, {eta} left  {wide_msg}").ok();
             let bar = ProgressBar::new(total).with_prefix(what);
             bar.enable_steady_tick(Duration::from_millis(200));
-            style.map_or(bar.clone(), |style| bar.with_style(style))
+            let bar = style.map_or(bar.clone(), |style| bar.with_style(style));
+            *SHOWN_BAR.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar.clone());
+            bar
         });
         Progress { printer: *self, what, total, done: 0, bar }
     }
@@ -117,8 +123,18 @@ impl Drop for Progress {
     fn drop(&mut self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
+            *SHOWN_BAR.lock().unwrap_or_else(PoisonError::into_inner) = None;
         }
     }
+}
+
+/// Writes a line where the bar is, which is drawn again below it. A closed stream is no error.
+fn beside_the_bar(write: impl FnOnce() -> std::io::Result<()>) {
+    let bar = SHOWN_BAR.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    let _ = match bar {
+        Some(bar) => bar.suspend(write),
+        None => write(),
+    };
 }
 
 fn json_bytes(report: &impl serde::Serialize) -> Result<Vec<u8>, CliError> {
