@@ -1,6 +1,6 @@
 //! Room in a full cloud: `densify_cost` and `densify_retire`, as the strategy `densify` runs them, against the twin.
 
-use instgs_reference::densify::{removal_cost, retired, use_of_sources};
+use instgs_reference::densify::{LogitMoments, felt_of_sources, removal_cost, retired, use_of_sources};
 use instgs_train::config::TrainConfig;
 use instgs_train::device_state::DeviceState;
 use instgs_vk::gpu::staging::write;
@@ -12,7 +12,8 @@ use crate::common::gpu::{assert_silent, gpu};
 use crate::densify::{EXTENT, config, instanced_case, strategy};
 
 /// A full scene frees a fifth of its cap: what the twin says costs least leaves, and the rest stays as it is. One Gaussian whose
-/// moment is not a number stays, too. It is the first densification, so the statistics are of all 200 steps.
+/// moment is not a number stays, too. Offsets have moments of their own, but for those of one instance. It is the first
+/// densification, so the statistics are of all 200 steps.
 #[test]
 fn a_full_cloud_makes_room_where_it_is_missed_least() {
     let Some(gpu) = gpu() else { return };
@@ -29,16 +30,21 @@ fn a_full_cloud_makes_room_where_it_is_missed_least() {
         ];
         let config = config(&[&sets[..], &[&format!("max_gaussians={cap}")]].concat());
         let mut rng = Rng::new(seed);
-        let mut moments: Vec<[f32; 2]> =
-            (0..case.cloud.len()).map(|_| [rng.normal() as f32, 10f64.powf(rng.range(-12.0, -6.0)) as f32]).collect();
+        let mut moment = |_| [rng.normal() as f32, 10f64.powf(rng.range(-12.0, -6.0)) as f32];
+        let mut moments: Vec<[f32; 2]> = (0..case.cloud.len()).map(&mut moment).collect();
+        let mut of_offsets: Vec<[f32; 2]> = (0..scene.offsets.len()).map(&mut moment).collect();
         moments[700][1] = f32::NAN;
-        let uses = use_of_sources(&scene);
-        let cost = |i: usize| removal_cost(moments[i][1], &case.statistics[i], &uses[i], 200.0);
+        of_offsets[300..450].fill([0.0; 2]);
+        let seconds = |moments: &[[f32; 2]]| moments.iter().map(|moment| moment[1]).collect();
+        let seconds = LogitMoments { sources: seconds(&moments), records: seconds(&of_offsets) };
+        let (uses, felt) = (use_of_sources(&scene), felt_of_sources(&scene, &seconds));
+        let cost = |i: usize| removal_cost(felt[i], &case.statistics[i], &uses[i], 200.0);
         let costs: Vec<f64> = (0..case.cloud.len()).map(|i| if i == 700 { f64::INFINITY } else { cost(i) }).collect();
         let leaves = retired(&costs, &uses, cap - room);
         let mut state = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
         write(&gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
         write(&gpu, &mut state.moments.parameters[Parameter::OpacityLogits], &moments).unwrap();
+        write(&gpu, &mut state.moments.parameters[Parameter::OffsetOpacityLogits], &of_offsets).unwrap();
         let outcome = strategy(&gpu, 1).after_step(&mut state, &config, 200, EXTENT).unwrap().unwrap();
         let got = state.download(&gpu).unwrap();
         let mut pool = got.templates.clone();

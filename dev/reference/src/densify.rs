@@ -5,7 +5,7 @@
 use glam::{DMat3, DVec3};
 use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::sh::{SH_C0, widened};
-use instgs_vk::scene::{Gaussians, InstancedScene};
+use instgs_vk::scene::{Gaussians, Instance, InstancedScene};
 
 use super::random::{RANDOM_SPLIT, Stream};
 
@@ -176,14 +176,51 @@ pub struct SourceUse {
     pub world_scale: f64,
 }
 
-/// What the loss would feel without a source Gaussian, for each of its instances: the mean square of the gradient by its logit
-/// (Adam's second moment) over the views that show it, as if its opacity could move freely. `steps` is the number of steps that
-/// the statistics are of; their second number is that of the views, summed over instances.
-pub fn removal_cost(second_moment: f32, statistics: &[f32; 3], source: &SourceUse, steps: f64) -> f64 {
+/// Adam's second moments of opacity logits: of source Gaussians and of offset records.
+#[derive(Clone, Debug)]
+pub struct LogitMoments {
+    /// By source Gaussian.
+    pub sources: Vec<f32>,
+    /// By offset record.
+    pub records: Vec<f32>,
+}
+
+/// What the loss feels of the opacity of each source Gaussian, summed over its instances: the mean square of the gradient by the
+/// logit, as if the opacity could move freely.
+pub fn felt_of_sources(scene: &InstancedScene, moments: &LogitMoments) -> Vec<f64> {
+    let felt = |square: f32, logit: f32| {
+        let transparency = (1.0 / (1.0 + f64::from(logit.min(20.0)).exp())).max(1e-3);
+        f64::from(square) / (transparency * transparency)
+    };
+    let mut out = vec![0.0; scene.templates.len()];
+    for (template, range) in scene.template_ranges.iter().enumerate() {
+        let users: Vec<&Instance> =
+            scene.instances.iter().filter(|instance| instance.template as usize == template).collect();
+        for local in 0..range.count {
+            let source = (range.first + local) as usize;
+            let logit = scene.templates.opacity_logits[source];
+            let shared = moments.sources[source] / users.len().max(1) as f32;
+            let of_user = |user: &&Instance| {
+                let Some(first) = user.first_offset else { return felt(shared, logit) };
+                let record = (first + local) as usize;
+                let moment = moments.records[record];
+                felt(if moment > 0.0 { moment } else { shared }, logit + scene.offsets.opacity_logits[record])
+            };
+            out[source] = if users.is_empty() { felt(shared, logit) } else { users.iter().map(of_user).sum() };
+        }
+    }
+    let alone = scene.own.opacity_logits.iter().chain(&scene.background.opacity_logits);
+    out.extend(alone.zip(&moments.sources[scene.templates.len()..]).map(|(&logit, &moment)| felt(moment, logit)));
+    out
+}
+
+/// What the loss would feel without a source Gaussian, for each of its instances: `felt` (see [`felt_of_sources`]) over the views
+/// that show it. `steps` is the number of steps that the statistics are of; their second number is that of the views, summed over
+/// instances.
+pub fn removal_cost(felt: f64, statistics: &[f32; 3], source: &SourceUse, steps: f64) -> f64 {
     let used = f64::from(source.instances.max(1));
     let share = (f64::from(statistics[1]) / (steps * used)).clamp(0.02, 1.0);
-    let transparency = (1.0 / (1.0 + f64::from(source.highest_logit.min(20.0)).exp())).max(1e-3);
-    f64::from(second_moment) / (share * transparency * transparency * used)
+    felt / (share * used)
 }
 
 /// Which source Gaussians leave so that `goal` expanded ones are free: those of the least cost, ties by index.

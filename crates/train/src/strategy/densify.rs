@@ -188,10 +188,12 @@ fn record_mark(
     let mut uses = Buffer::new(&tools.gpu, "uses", count as usize)?;
     let mut highest_logits = Buffer::new(&tools.gpu, "highest_logits", count as usize)?;
     let mut log_world_scales = Buffer::new(&tools.gpu, "log_world_scales", count as usize)?;
+    let mut felt = Buffer::new(&tools.gpu, "felt", count as usize)?;
     // A Gaussian of no template is used by no instance, and shown by none.
     tools.recorder.fill(&mut uses, 0)?;
     tools.recorder.fill(&mut highest_logits, f32::MIN.to_bits())?;
     tools.recorder.fill(&mut log_world_scales, 0)?;
+    tools.recorder.fill(&mut felt, 0)?;
     let bindings = source_use::Bindings {
         source_chunks: &state.tables.chunks,
         instance_from_template: &state.tables.instance_from_template,
@@ -201,12 +203,15 @@ fn record_mark(
         uses: &mut uses,
         highest_logits: &mut highest_logits,
         log_world_scales: &mut log_world_scales,
+        logit_moments: &state.moments.parameters[Parameter::OpacityLogits],
+        offset_logit_moments: &state.moments.parameters[Parameter::OffsetOpacityLogits],
+        felt: &mut felt,
     };
     let params = source_use::Params { chunk_count: state.tables.chunk_count };
     let grid = Grid::groups(state.tables.chunk_count);
     tools.recorder.dispatch(&tools.pipelines.source_use, grid, &params, bindings)?;
     if let Some(recycling) = limits.recycling {
-        recycling.retire(tools, state, &uses, &mut highest_logits)?;
+        recycling.retire(tools, state, &uses, &felt, &mut highest_logits)?;
     }
     let bindings = densify_mark::Bindings {
         means: &parameters.means,

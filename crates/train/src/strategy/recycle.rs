@@ -5,7 +5,6 @@ use instgs_vk::gpu::{Buffer, GpuError};
 use instgs_vk::kernels::{densify_cost, densify_retire};
 use instgs_vk::render::scan::ScanInput;
 use instgs_vk::render::sort::SortBuffers;
-use instgs_vk::scene::Parameter;
 
 use super::tools::Tools;
 use crate::config::TrainConfig;
@@ -34,12 +33,13 @@ impl Recycling {
     }
 
     /// Makes those that cost least count as transparent (`highest_logits`), if the scene has more than may stay. `uses` is the
-    /// number of instances, by source.
+    /// number of instances and `felt` what the loss feels of them, by source (see `source_use`).
     pub(super) fn retire(
         self,
         tools: &mut Tools,
         state: &DeviceState,
         uses: &Buffer<u32>,
+        felt: &Buffer<f32>,
         highest_logits: &mut Buffer<f32>,
     ) -> Result<(), GpuError> {
         let goal = state.layout.expanded_len().saturating_sub(self.room).min(u64::from(u32::MAX)) as u32;
@@ -52,10 +52,9 @@ impl Recycling {
         let mut scratch = tools.scratch(count)?;
         let grid = tools.threads(count);
         let bindings = densify_cost::Bindings {
-            logit_moments: &state.moments.parameters[Parameter::OpacityLogits],
+            felt,
             screen_statistics: &state.gradients.screen_statistics,
             uses,
-            highest_logits,
             keys: &mut sort.keys,
             values: &mut sort.values,
         };
