@@ -134,6 +134,13 @@ impl InstancedScene {
         self.own_ranges.get(k).copied().unwrap_or_default()
     }
 
+    /// True if instance `k` looks as its template does: without offsets, Gaussians of its own and a colour matrix.
+    pub fn looks_like_template(&self, k: usize) -> bool {
+        self.instances[k].first_offset.is_none()
+            && self.own_range(k).count == 0
+            && self.color_matrix(k).is_none_or(|matrix| *matrix == SAME_COLOR)
+    }
+
     /// Number of Gaussians after expanding every instance, the background included.
     pub fn expanded_len(&self) -> u64 {
         let instanced: u64 =

@@ -16,14 +16,16 @@ use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
 
 /// Writes a scene as .ply, .spz or .sog (instances are expanded into plain Gaussians), as .glb (glTF with
-/// KHR_gaussian_splatting: instances become nodes that share their template's data), as .instgs, or as .html: one file that
-/// holds the packed scene and draws it in a browser, without a server.
+/// KHR_gaussian_splatting: instances become nodes that share their template's data), as OpenUSD, as .instgs, as .html (one file
+/// that holds the packed scene and draws it in a browser, without a server), or as a folder (its name ends in a slash) of a .sog
+/// for each template and the background, and scene_graph.json, which says where the instances are.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk export --scene room.instgs --to room.ply\n  \
     instgs-vk export --scene room.instgs --to small.instgs --pack small --data room\n  \
     instgs-vk export --scene room.ply --to room.spz\n  \
     instgs-vk export --scene room.instgs --to room.sog\n  \
+    instgs-vk export --scene room.instgs --to parts/\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1\n  \
     instgs-vk export --scene room.instgs --to room.usdc\n  \
     instgs-vk export --scene room.instgs --to room.html")]
@@ -31,8 +33,8 @@ pub(super) struct ExportArgs {
     /// Scene to convert: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
     pub(super) scene: PathBuf,
-    /// File to write: .ply, .spz, .sog, .glb, .usda, .usdc, .instgs or .html
-    #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|usdc|instgs|html)")]
+    /// File to write: .ply, .spz, .sog, .glb, .usda, .usdc, .instgs or .html; or a folder, with a slash at its end
+    #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|usdc|instgs|html)|DIR/")]
     pub(super) to: PathBuf,
     /// Number format of an .instgs file [default: f32], or of the scene in an .html [default: small]. f32: as they are. f16: 16
     /// bits, except means and transforms. q8: offsets in 8 bits, the rest as f16. small: everything rounded and entropy coded,
@@ -77,7 +79,7 @@ enum PackArg {
 struct Exported {
     scene: String,
     to: String,
-    /// Number of Gaussians in the new file: expanded, or the stored ones for .glb, .instgs and .html.
+    /// Number of Gaussians in the new file: expanded, or the stored ones for .glb, .instgs, .html and a folder.
     gaussians: u64,
     flattened_instances: usize,
     bytes: u64,
@@ -134,6 +136,15 @@ fn write(
     Ok(scene.source_len() as u64)
 }
 
+/// Bytes of a file, or of those of a folder.
+fn bytes_of(path: &Path) -> u64 {
+    let of_file = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
+    match std::fs::read_dir(path) {
+        Ok(files) => files.flatten().map(|file| of_file(&file.path())).sum(),
+        Err(_) => of_file(path),
+    }
+}
+
 pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let to = args.to.as_path();
     let mut format = ExportFormat::of(to, args.pack.map(Pack::from))?;
@@ -152,7 +163,7 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
     let sensitivity = data.map(|data| measured(&scene, data, device_args, printer)).transpose()?;
     let gaussians = write(args, &scene, format, sensitivity.as_ref(), printer)?;
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };
-    let bytes = std::fs::metadata(to).map_or(0, |m| m.len());
+    let bytes = bytes_of(to);
     let report = Exported {
         scene: args.scene.display().to_string(),
         to: to.display().to_string(),

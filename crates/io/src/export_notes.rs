@@ -20,6 +20,14 @@ impl ExportedScene {
                  their pixels; here, .ply keeps it, and other formats are rendered with --dilation {dilation}"
             ));
         }
+        let unlike = (0..scene.instances.len()).filter(|&k| !scene.looks_like_template(k)).count();
+        if format == ExportFormat::SogFolder && unlike > 0 {
+            notes.push(format!(
+                "{unlike} of {} instances differ from their template by offsets, own Gaussians or colours, which a folder of .sog \
+                 files has no place for; .glb and .sog keep them",
+                scene.instances.len()
+            ));
+        }
         notes.into_iter().map(|note| format!("{to}: {note}")).collect()
     }
 }
@@ -80,6 +88,7 @@ mod tests {
         let scene = InstancedScene { pixel_filter, ..InstancedScene::default() };
         let notes = |format| ExportedScene::default().notes(Path::new("x"), &scene, format);
         assert_eq!(notes(ExportFormat::Instgs(Pack::F32)), [""; 0]);
+        assert!(notes(ExportFormat::SogFolder).iter().all(|note| !note.contains("instances differ")));
         let glb = notes(ExportFormat::Glb);
         assert!(glb.len() == 2 && glb[0].contains("antialias") && glb[1].contains("--dilation 0.1"), "{glb:?}");
         assert!(notes(ExportFormat::Ply).len() == 1 && notes(ExportFormat::Ply)[0].starts_with("x: "));

@@ -1,6 +1,6 @@
 //! Exports a scene in the format that the file extension names.
 
-use std::path::Path;
+use std::path::{Path, is_separator};
 
 use glam::DVec3;
 
@@ -18,6 +18,9 @@ pub enum ExportFormat {
     Spz,
     /// `.sog`: expanded like `Ply`, but quantised, as images in an archive.
     Sog,
+    /// A folder of `.sog` files, one for each template and one for the background, and `scene_graph.json`, which places the
+    /// instances: what they have for themselves is left out.
+    SogFolder,
     /// `.glb`: instances are nodes that share their template's data.
     Glb,
     /// `.glb` of one mesh: expanded like `Ply`, for viewers that put whole meshes in order.
@@ -33,7 +36,8 @@ pub enum ExportFormat {
 }
 
 impl ExportFormat {
-    /// The format for a file name; `pack` is only valid for `.instgs` and `.html`.
+    /// The format for a file name, or for that of a folder, which ends in a slash; `pack` is only valid for `.instgs` and
+    /// `.html`.
     ///
     /// # Errors
     /// An unknown extension, or a pack for another format.
@@ -45,14 +49,18 @@ impl ExportFormat {
             "html" => Ok(Self::Page(pack.unwrap_or(Pack::Small))),
             _ if pack.is_some() => Err(IoError::new(path, "--pack is for .instgs and .html files")
                 .advise("leave it out, or export to .instgs or .html")),
+            _ if path.as_os_str().as_encoded_bytes().last().is_some_and(|&last| is_separator(char::from(last))) => {
+                Ok(Self::SogFolder)
+            }
             "ply" => Ok(Self::Ply),
             "spz" => Ok(Self::Spz),
             "sog" => Ok(Self::Sog),
             "glb" => Ok(Self::Glb),
             "usda" => Ok(Self::Usda),
             "usdc" => Ok(Self::Usdc),
-            other => Err(IoError::new(path, format!("unknown format \".{other}\""))
-                .advise("export to .ply, .spz, .sog, .glb, .usda, .usdc, .instgs or .html")),
+            other => Err(IoError::new(path, format!("unknown format \".{other}\"")).advise(
+                "export to .ply, .spz, .sog, .glb, .usda, .usdc, .instgs or .html, or to a folder, with a / at its end",
+            )),
         }
     }
 
@@ -103,6 +111,7 @@ pub fn export_scene(
         ExportFormat::Page(pack) => {
             write_page(to, scene, &PageOptions { pack, small: None, camera: None, up })?;
         }
+        ExportFormat::SogFolder => exported.gaussians = sog::write_sog_folder(to, scene)?,
         ExportFormat::Glb => {
             check_memory(to, "its Gaussians take", glb::glb_data_bytes(scene))?;
             glb::write_glb(to, scene, up)?;

@@ -19,6 +19,7 @@
 
 mod archive;
 mod codebook;
+mod folder;
 mod image;
 mod meta;
 mod palette;
@@ -29,6 +30,7 @@ mod write;
 
 use instgs_vk::scene::Gaussians;
 
+pub use folder::write_sog_folder;
 pub use read::{is_unpacked, parse_sog, read_sog};
 pub use write::{sog_bytes, write_sog};
 

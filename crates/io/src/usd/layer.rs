@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{DMat3, DMat4};
 
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, SAME_COLOR, SourceRange};
+use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, SourceRange};
 use instgs_vk::scene::{Gaussians, InstanceLabel};
 
 /// Type of the prims that hold Gaussians.
@@ -73,13 +73,6 @@ impl InFrames {
     }
 }
 
-/// True if an instance looks as its template does.
-pub(super) fn is_plain(scene: &InstancedScene, k: usize, instance: &Instance) -> bool {
-    instance.first_offset.is_none()
-        && scene.own_range(k).count == 0
-        && scene.color_matrix(k).is_none_or(|matrix| *matrix == SAME_COLOR)
-}
-
 fn template_name(template: usize) -> String {
     format!("template_{template}")
 }
@@ -89,7 +82,7 @@ impl<'a> Layer<'a> {
     pub(super) fn of(scene: &'a InstancedScene, local: &'a InFrames, turn: DMat3) -> Self {
         let is_referenced = |template: usize| {
             let mut instances = scene.instances.iter().enumerate();
-            instances.any(|(k, instance)| instance.template as usize == template && is_plain(scene, k, instance))
+            instances.any(|(k, instance)| instance.template as usize == template && scene.looks_like_template(k))
         };
         let template = |(template, &SourceRange { first, count }): (usize, &SourceRange)| Prim {
             name: template_name(template),
@@ -119,7 +112,7 @@ impl<'a> Layer<'a> {
 fn instance<'a>(scene: &'a InstancedScene, k: usize, label: &InstanceLabel, local: &'a InFrames) -> Prim<'a> {
     let kind = label.group.and_then(|group| scene.groups[group].name.as_ref());
     let instance = &scene.instances[k];
-    let plain = is_plain(scene, k, instance);
+    let plain = scene.looks_like_template(k);
     let placement = &instance.world_from_template;
     let mut transform = DMat4::from_mat3(placement.linear());
     transform.w_axis = placement.translation().extend(1.0);

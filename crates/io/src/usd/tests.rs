@@ -5,7 +5,7 @@ use openusd::sdf::AbstractData;
 use std::path::Path;
 
 use super::children::LISTS;
-use super::layer::{LABEL, SCENE, SPLATS, is_plain};
+use super::layer::{LABEL, SCENE, SPLATS};
 use super::text::quoted;
 use super::{write_usda, write_usdc};
 use crate::IoError;
@@ -23,7 +23,7 @@ fn written(scene: &InstancedScene, ending: &str) -> Result<Vec<u8>, IoError> {
 #[test]
 fn instances_are_prims_and_plain_ones_references() -> Result<(), IoError> {
     for mut scene in [sample_scene(), with_own()] {
-        let plain = (0..scene.instances.len()).filter(|&k| is_plain(&scene, k, &scene.instances[k])).count();
+        let plain = (0..scene.instances.len()).filter(|&k| scene.looks_like_template(k)).count();
         let bytes = written(&scene, "usda")?;
         assert_eq!(written(&scene, "usda")?, bytes);
         let text = String::from_utf8_lossy(&bytes);

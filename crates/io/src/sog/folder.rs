@@ -1,0 +1,126 @@
+//! A scene as a folder of `.sog` files, for engines that place objects themselves: `template_N.sog` for each template that has
+//! instances, in its own frame, `background.sog`, and `scene_graph.json`, which says where each instance of which template is.
+//!
+//! What instances have for themselves (offsets, own Gaussians, colour matrices) has no place there: they look like their template.
+
+use std::borrow::Cow;
+use std::collections::HashSet;
+use std::path::Path;
+
+use super::write_sog;
+use crate::{IoError, write_groups};
+use instgs_vk::scene::{Gaussians, InstancedScene, PosedGroup, PosedInstance};
+
+/// The file that places the instances.
+const SCENE_GRAPH: &str = "scene_graph.json";
+const BACKGROUND: &str = "background.sog";
+/// Name of a template's file, around its number.
+const TEMPLATE: &str = "template_";
+const ENDING: &str = ".sog";
+
+/// Writes the folder, which is made if it does not exist; files of these names in it are replaced. Returns the number of
+/// Gaussians in its files.
+///
+/// # Errors
+/// A template with instances that is empty, a value that is not finite, more than 65,535 instances, or a file that cannot be
+/// written.
+pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<u64, IoError> {
+    scene.validate().map_err(|e| IoError::new(folder, format!("cannot write: {}", e.reason)))?;
+    std::fs::create_dir_all(folder).map_err(|e| IoError::os(folder, "cannot be made", &e))?;
+    let groups = placed(scene);
+    let antialias = scene.pixel_filter.antialias;
+    let mut clouds: Vec<(String, Cow<'_, Gaussians>)> = groups
+        .iter()
+        .map(|group| {
+            let range = scene.template_ranges[group.template_id as usize];
+            (format!("{TEMPLATE}{}{ENDING}", group.template_id), Cow::Owned(scene.templates.range(range)))
+        })
+        .collect();
+    if !scene.background.is_empty() {
+        clouds.push((BACKGROUND.to_owned(), Cow::Borrowed(&scene.background)));
+    }
+    for (name, cloud) in &clouds {
+        write_sog(&folder.join(name), cloud, antialias)?;
+    }
+    write_groups(&folder.join(SCENE_GRAPH), &groups)?;
+    remove_stale(folder, &clouds.iter().map(|(name, _)| name.as_str()).collect())?;
+    Ok(clouds.iter().map(|(_, cloud)| cloud.len() as u64).sum())
+}
+
+/// Removes what an earlier scene left in the folder and `kept` does not name.
+fn remove_stale(folder: &Path, kept: &HashSet<&str>) -> Result<(), IoError> {
+    let listed = std::fs::read_dir(folder).map_err(|e| IoError::os(folder, "cannot be listed", &e))?;
+    for file in listed.flatten() {
+        let name = file.file_name().to_string_lossy().into_owned();
+        let number = name.strip_prefix(TEMPLATE).and_then(|rest| rest.strip_suffix(ENDING));
+        let is_ours = name == BACKGROUND || number.is_some_and(|number| number.parse::<u32>().is_ok());
+        if is_ours && !kept.contains(name.as_str()) {
+            std::fs::remove_file(file.path()).map_err(|e| IoError::os(&file.path(), "cannot be removed", &e))?;
+        }
+    }
+    Ok(())
+}
+
+/// The instances of each template that has any. Their ids are those of the masks, if all have one and no two the same; otherwise
+/// they are numbered from 1.
+fn placed(scene: &InstancedScene) -> Vec<PosedGroup> {
+    let labels = scene.instance_labels();
+    let ids: HashSet<u32> = labels.iter().filter_map(|label| label.id).collect();
+    let id = |k: usize| labels[k].id.filter(|_| ids.len() == labels.len()).unwrap_or(k as u32 + 1);
+    let mut groups: Vec<PosedGroup> = (0..scene.template_ranges.len() as u32)
+        .map(|template_id| {
+            let named = scene.groups.iter().find(|group| group.template_id == template_id);
+            PosedGroup {
+                template_id,
+                name: named.and_then(|group| group.name.clone()),
+                score: None,
+                instances: Vec::new(),
+            }
+        })
+        .collect();
+    for (k, instance) in scene.instances.iter().enumerate() {
+        let placed = PosedInstance { id: id(k), world_from_template: instance.world_from_template };
+        groups[instance.template as usize].instances.push(placed);
+    }
+    groups.retain(|group| !group.instances.is_empty());
+    groups
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{read_groups, read_sog};
+    use instgs_samples::with_own;
+
+    #[test]
+    fn templates_and_background_are_files_and_instances_have_places() -> Result<(), IoError> {
+        let folder = tempfile::tempdir().map_err(|e| IoError::os(Path::new("."), "no folder", &e))?;
+        let folder = folder.path().join("parts");
+        let mut scene = with_own();
+        let written = write_sog_folder(&folder, &scene)?;
+        let groups = read_groups(&folder.join(SCENE_GRAPH))?;
+        let mut placed = vec![0; scene.template_ranges.len()];
+        let mut gaussians = read_sog(&folder.join(BACKGROUND))?.gaussians.len();
+        assert_eq!(gaussians, scene.background.len());
+        for group in &groups {
+            let template = group.template_id as usize;
+            let cloud = read_sog(&folder.join(format!("template_{template}.sog")))?.gaussians;
+            assert_eq!(cloud.len(), scene.template_ranges[template].count as usize);
+            gaussians += cloud.len();
+            let places: Vec<_> = group.instances.iter().map(|instance| instance.world_from_template).collect();
+            let of_template = scene.instances.iter().filter(|instance| instance.template as usize == template);
+            assert_eq!(places, of_template.map(|instance| instance.world_from_template).collect::<Vec<_>>());
+            placed[template] = places.len();
+        }
+        assert_eq!((placed.iter().sum::<usize>(), written), (scene.instances.len(), gaussians as u64));
+        // Another scene in the same folder leaves nothing of this one.
+        let last = groups[groups.len() - 1].template_id;
+        scene = InstancedScene { background: Gaussians::default(), groups: Vec::new(), ..scene };
+        scene.instances.iter_mut().for_each(|instance| (instance.template, instance.first_offset) = (0, None));
+        assert!(last > 0, "the sample has two templates");
+        write_sog_folder(&folder, &scene)?;
+        let is_there = |name: &str| folder.join(name).exists();
+        assert!(is_there("template_0.sog") && !is_there(&format!("template_{last}.sog")) && !is_there(BACKGROUND));
+        Ok(())
+    }
+}
