@@ -162,7 +162,7 @@ fn overflow_and_repeats_give_the_same_bytes() {
     assert_silent(&gpu);
 }
 
-/// The other way to sum over lanes, and tiles of several blocks, agree with the twin as well.
+/// The other way to sum over lanes, tiles of several blocks, and work-groups as on GPUs agree with the twin as well.
 #[test]
 fn variants_agree_with_the_twin() {
     let Some(gpu) = gpu() else { return };
@@ -171,6 +171,7 @@ fn variants_agree_with_the_twin() {
         Variant { transpose_moments: !own.transpose_moments, ..own },
         Variant { tile_size: 16, ..own },
         Variant { blend_workgroup_size: 4 * own.subgroup_size, ..own },
+        Variant { workgroup_size: 256.min(gpu.caps().max_workgroup_subgroups * own.subgroup_size), ..own },
     ] {
         let mut runner = GradientRunner::new(&gpu, variant);
         for seed in [4, 5] {

@@ -149,7 +149,7 @@ fn frames_are_byte_identical() {
     assert_silent(&gpu);
 }
 
-/// Tile size, radix work-groups and blend work-groups change the time only.
+/// Tile size, work-groups (of GPUs, too), radix work-groups and blend work-groups change the time only.
 #[test]
 fn variants_give_the_same_bytes() {
     let Some(gpu) = gpu() else { return };
@@ -159,6 +159,7 @@ fn variants_give_the_same_bytes() {
         Variant { tile_size: 32, ..own },
         Variant { blend_workgroup_size: 4 * own.subgroup_size, ..own },
         Variant { radix_workgroup_size: 4 * own.subgroup_size, ..own },
+        Variant { workgroup_size: 256.min(gpu.caps().max_workgroup_subgroups * own.subgroup_size), ..own },
     ];
     for seed in [1, 12, 33] {
         let case = random_case(seed);
