@@ -1,15 +1,12 @@
 // The part of tools/check_page that drives the browser: PROGRAM SCENE FOLDER CAMERAS, with the page as FOLDER/page.html.
 "use strict";
-const { execFileSync } = require("child_process");
 const fs = require("fs");
 const path = require("path");
-const { psnr, startBrowser } = require("./browser/browser.cjs");
+const { looks, openPage, psnr, renderedBy, startBrowser } = require("./browser/browser.cjs");
 
 const LEAST_PSNR_DB = 35;
 const MOST_BYTES_BESIDE_SCENE = 300_000;
 const VIEWS = Number(process.env.VIEWS ?? 3);
-const PATIENCE_MS = 120_000;
-const SIZES = { desktop: { width: 1280, height: 800 }, phone: { width: 390, height: 844 } };
 /** Of the window that is clicked in: software rendering takes time by the pixel. */
 const CLICKED = { width: 820, height: 420 };
 /** Width of what the panel covers there. */
@@ -25,7 +22,6 @@ const check = (holds, what) => {
 
 /** Our own pictures: cameras spread over the file, or three on a circle. */
 function rendered() {
-  const out = path.join(folder, "ours");
   let cameras;
   if (camerasFile) {
     const all = [].concat(JSON.parse(fs.readFileSync(camerasFile, "utf8")));
@@ -34,10 +30,8 @@ function rendered() {
   } else {
     cameras = circle(JSON.parse(/id="start-data">([^<]*)</.exec(fs.readFileSync(file, "utf8"))[1]));
   }
-  const list = path.join(folder, "cameras.json");
-  fs.writeFileSync(list, JSON.stringify(cameras));
-  execFileSync(program, ["render", "--scene", scene, "--camera", list, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
-  return cameras.map((camera) => ({ camera, png: fs.readFileSync(path.join(out, `${camera.name}.png`)) }));
+  const pngs = renderedBy(program, scene, cameras, folder);
+  return cameras.map((camera, i) => ({ camera, png: pngs[i] }));
 }
 
 /** Cameras around the scene, from what the page knows of it. */
@@ -59,17 +53,11 @@ function circle({ center, distance, up }) {
   });
 }
 
-/** A page of the browser that reports what its console says. */
+/** The page with its first picture. */
 async function opened(browser, options, hash = "") {
-  const context = await browser.newContext(options);
-  const page = await context.newPage();
-  page.on("console", (message) => failures.push(`console: ${message.type()}: ${message.text()}`));
-  page.on("pageerror", (error) => failures.push(`error: ${error.message}`));
-  page.on("request", (request) => check(/^(file|blob|data):/.test(request.url()), `the page asks for ${request.url()}`));
-  page.setDefaultTimeout(PATIENCE_MS);
-  await page.goto(address + hash);
+  const { page, close } = await openPage(browser, address + hash, options, failures);
   const ready = await page.evaluate(() => window.instgs.ready);
-  return { page, ready, close: () => context.close() };
+  return { page, ready, close };
 }
 
 /** The canvas alone, at the camera's size. */
@@ -176,17 +164,13 @@ async function moveAbout(page) {
 
 async function takeShots(browser, to) {
   fs.mkdirSync(to, { recursive: true });
-  for (const [name, viewport] of Object.entries(SIZES)) {
-    for (const colorScheme of ["light", "dark"]) {
-      const isPhone = name === "phone";
-      const options = { viewport, colorScheme, hasTouch: isPhone, isMobile: isPhone, deviceScaleFactor: isPhone ? 2 : 1 };
-      const { page, close } = await opened(browser, options);
-      await page.screenshot({ path: path.join(to, `${name}_${colorScheme}.png`) });
-      if (isPhone) await page.locator("#fold-panel").tap();
-      await page.evaluate(() => window.instgs.select([0]));
-      await page.screenshot({ path: path.join(to, `${name}_${colorScheme}_selected.png`) });
-      await close();
-    }
+  for (const { name, isPhone, options } of looks()) {
+    const { page, close } = await opened(browser, options);
+    await page.screenshot({ path: path.join(to, `${name}.png`) });
+    if (isPhone) await page.locator("#fold-panel").tap();
+    await page.evaluate(() => window.instgs.select([0]));
+    await page.screenshot({ path: path.join(to, `${name}_selected.png`) });
+    await close();
   }
 }
 

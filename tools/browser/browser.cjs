@@ -1,5 +1,8 @@
-// What the checks in headless Chromium share: how it is started, and how two pictures are compared.
+// What the checks in headless Chromium share: how it is started, how a page is opened, and how two pictures are compared.
 "use strict";
+const { execFileSync } = require("child_process");
+const fs = require("fs");
+const path = require("path");
 const { chromium } = require("playwright-core");
 
 /** Software rendering, and no request that a page did not ask for. */
@@ -8,6 +11,42 @@ const ARGUMENTS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe
 
 function startBrowser() {
   return chromium.launch({ executablePath: "/usr/bin/chromium", args: ARGUMENTS });
+}
+
+/** Sizes of the windows that screenshots are taken of, CSS pixels. */
+const SIZES = { desktop: { width: 1280, height: 800 }, phone: { width: 390, height: 844 } };
+const PATIENCE_MS = 120_000;
+
+/** Opens a page in a context of its own; `failures` gets what its console says, its errors, and requests to other places. */
+async function openPage(browser, address, options, failures) {
+  const context = await browser.newContext(options);
+  const page = await context.newPage();
+  page.on("console", (message) => failures.push(`console: ${message.type()}: ${message.text()}`));
+  page.on("pageerror", (error) => failures.push(`error: ${error.message}`));
+  page.on("request", (request) => {
+    if (!/^(file|blob|data|about):/.test(request.url())) failures.push(`the page asks for ${request.url()}`);
+  });
+  page.setDefaultTimeout(PATIENCE_MS);
+  await page.goto(address);
+  return { page, close: () => context.close() };
+}
+
+/** Options of a context for each size and theme, by name. */
+function looks() {
+  return Object.entries(SIZES).flatMap(([name, viewport]) => ["light", "dark"].map((colorScheme) => {
+    const isPhone = name === "phone";
+    const options = { viewport, colorScheme, hasTouch: isPhone, isMobile: isPhone, deviceScaleFactor: isPhone ? 2 : 1 };
+    return { name: `${name}_${colorScheme}`, isPhone, options };
+  }));
+}
+
+/** PNGs of a scene from cameras with names, by `instgs-vk render`. */
+function renderedBy(program, scene, cameras, folder) {
+  const list = path.join(folder, "cameras.json");
+  const out = path.join(folder, "ours");
+  fs.writeFileSync(list, JSON.stringify(cameras));
+  execFileSync(program, ["render", "--scene", scene, "--camera", list, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
+  return cameras.map((camera) => fs.readFileSync(path.join(out, `${camera.name}.png`)));
 }
 
 /** PSNR of two PNGs of the same size, dB, over their 8-bit values; computed in a page of the browser. */
@@ -31,4 +70,4 @@ async function psnr(page, one, two) {
   }, urls);
 }
 
-module.exports = { startBrowser, psnr };
+module.exports = { looks, openPage, psnr, renderedBy, startBrowser };

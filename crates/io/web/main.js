@@ -5,6 +5,8 @@ import { Panel, byId, grouped, rgbOf } from "./panel.js";
 import { BACKGROUND, Viewer } from "./viewer.js";
 
 const THEME_KEY = "instgs-theme";
+/** Whether another page holds this one as a frame: a report. That page then has the theme, and the wheel scrolls it. */
+const IS_FRAMED = window.parent !== window;
 
 /** @param {string} id */
 const textOf = (id) => byId(id).textContent ?? "";
@@ -67,6 +69,7 @@ function connectTools(viewer, controls) {
     const isDark = getComputedStyle(document.documentElement).colorScheme === "dark";
     setTheme(isDark ? "light" : "dark");
   });
+  connectFullScreen();
   byId("fold-panel").addEventListener("click", () => foldPanel(!document.body.classList.contains("folded")));
   const background = /** @type {HTMLInputElement} */ (byId("background"));
   background.addEventListener("input", () => viewer.setBackground(rgbOf(background.value)));
@@ -77,6 +80,18 @@ function connectTools(viewer, controls) {
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   });
+}
+
+/** The button for the whole screen, where the browser has that. */
+function connectFullScreen() {
+  const full = byId("full");
+  full.hidden = !document.fullscreenEnabled;
+  full.addEventListener("click", () => {
+    // It may be refused; then the page stays as it is.
+    const change = document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
+    change.catch(() => {});
+  });
+  document.addEventListener("fullscreenchange", () => full.setAttribute("aria-pressed", String(document.fullscreenElement !== null)));
 }
 
 /** @param {boolean} isFolded */
@@ -95,16 +110,18 @@ function setTheme(theme) {
   }
 }
 
-/** The theme that was chosen here before, else the browser's. */
+/** The theme that was chosen here before, else the browser's; in a frame always the browser's, as the page around it. */
 function restoreTheme() {
   let chosen = null;
   try {
-    chosen = localStorage.getItem(THEME_KEY);
+    chosen = IS_FRAMED ? null : localStorage.getItem(THEME_KEY);
   } catch {
     // As above.
   }
-  const usual = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-  document.documentElement.dataset.theme = chosen ?? usual;
+  const isDark = matchMedia("(prefers-color-scheme: dark)");
+  const show = () => document.documentElement.dataset.theme = chosen ?? (isDark.matches ? "dark" : "light");
+  if (IS_FRAMED) isDark.addEventListener("change", show);
+  show();
 }
 
 /**
@@ -143,6 +160,7 @@ function fail(error) {
 }
 
 async function start() {
+  document.body.classList.toggle("in-frame", IS_FRAMED);
   restoreTheme();
   foldPanel(matchMedia("(max-width: 700px)").matches);
   const worker = startWorker();
@@ -154,7 +172,7 @@ async function start() {
   const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), shaders);
   canvas.addEventListener("webglcontextlost", () => fail("the graphics card was lost; load the page again"));
   const panel = new Panel(viewer);
-  const controls = new Controls(viewer, handlersOf(viewer, panel));
+  const controls = new Controls(viewer, handlersOf(viewer, panel), IS_FRAMED);
   connectTools(viewer, controls);
   showFacts(scene);
   const fixed = cameraOfHash();
