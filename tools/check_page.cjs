@@ -66,13 +66,14 @@ async function pictureOf(page, camera) {
   return page.locator("#picture").screenshot();
 }
 
-async function comparePictures(browser, comparer) {
-  const views = rendered();
+async function comparePictures(browser, comparer, views, drawsWith) {
   const width = Math.max(...views.map(({ camera }) => camera.width));
   const height = Math.max(...views.map(({ camera }) => camera.height));
   const options = { viewport: { width, height } };
   const hash = `#camera=${encodeURIComponent(JSON.stringify(views[0].camera))}`;
   const { page, ready, close } = await opened(browser, options, hash);
+  const used = await page.evaluate(() => window.instgs.drawsWith());
+  check(used === drawsWith, `the page draws with ${used}, not with ${drawsWith}`);
   const first = await page.locator("#picture").screenshot();
   check(first.equals(await pictureOf(page, views[0].camera)), "the camera of the address and of the program give different pictures");
   const values = [];
@@ -82,7 +83,7 @@ async function comparePictures(browser, comparer) {
     const wrong = await psnr(comparer, views[1].png, first);
     check(wrong < LEAST_PSNR_DB, `the pictures of two views are alike (${wrong.toFixed(1)} dB): they prove nothing`);
   }
-  values.forEach((value, i) => check(value >= LEAST_PSNR_DB, `view ${i}: ${value.toFixed(2)} dB is below ${LEAST_PSNR_DB}`));
+  values.forEach((value, i) => check(value >= LEAST_PSNR_DB, `view ${i}, ${used}: ${value.toFixed(2)} dB is below ${LEAST_PSNR_DB}`));
   await close();
   return { ready, values };
 }
@@ -180,15 +181,21 @@ async function takeShots(browser, to) {
   const sceneBytes = /id="scene-data">([^<]*)</.exec(text)[1].length;
   const beside = bytes - sceneBytes;
   check(beside < MOST_BYTES_BESIDE_SCENE, `the page has ${beside} bytes beside its scene`);
-  const browser = await startBrowser();
+  let browser = await startBrowser();
   try {
     const comparer = await browser.newPage();
-    const { ready, values } = await comparePictures(browser, comparer);
+    const views = rendered();
+    const told = ({ ready, values }) =>
+      `first picture after ${Math.round(ready)} ms, PSNR ${values.map((value) => value.toFixed(2)).join(", ")} dB`;
+    const webgl2 = told(await comparePictures(browser, comparer, views, "webgl2"));
     const found = await useIt(browser);
     if (process.env.SHOTS) await takeShots(browser, process.env.SHOTS);
-    const shown = values.map((value) => value.toFixed(2)).join(", ");
-    console.log(`check_page: ${bytes} bytes (${beside} beside the scene), first picture after ${Math.round(ready)} ms, ` +
-      `PSNR ${shown} dB, ${found} instances found by clicking`);
+    await browser.close();
+    browser = await startBrowser(true);
+    const webgpu = told(await comparePictures(browser, await browser.newPage(), views, "webgpu"));
+    check((await useIt(browser)) === found, "clicks find other instances with WebGPU than with WebGL2");
+    console.log(`check_page: ${bytes} bytes (${beside} beside the scene); WebGL2: ${webgl2}; WebGPU: ${webgpu}; ` +
+      `${found} instances found by clicking`);
   } finally {
     await browser.close();
   }

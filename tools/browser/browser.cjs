@@ -9,8 +9,16 @@ const { chromium } = require("playwright-core");
 const ARGUMENTS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox", "--headless",
   "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-quic", "--no-first-run"];
 
-function startBrowser() {
-  return chromium.launch({ executablePath: "/usr/bin/chromium", args: ARGUMENTS });
+/** WebGPU in software too; without these a page finds no adapter. */
+const WEBGPU_ARGUMENTS = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan",
+  "--use-vulkan=swiftshader"];
+/** What Chromium itself says where there is no WebGPU. */
+const NO_WEBGPU = "No available adapters.";
+
+/** @param {boolean} withWebgpu whether pages find WebGPU beside WebGL2 */
+function startBrowser(withWebgpu = false) {
+  const args = withWebgpu ? [...ARGUMENTS, ...WEBGPU_ARGUMENTS] : ARGUMENTS;
+  return chromium.launch({ executablePath: "/usr/bin/chromium", args });
 }
 
 /** Sizes of the windows that screenshots are taken of, CSS pixels. */
@@ -21,7 +29,9 @@ const PATIENCE_MS = 120_000;
 async function openPage(browser, address, options, failures) {
   const context = await browser.newContext(options);
   const page = await context.newPage();
-  page.on("console", (message) => failures.push(`console: ${message.type()}: ${message.text()}`));
+  page.on("console", (message) => {
+    if (message.text() !== NO_WEBGPU) failures.push(`console: ${message.type()}: ${message.text()}`);
+  });
   page.on("pageerror", (error) => failures.push(`error: ${error.message}`));
   page.on("request", (request) => {
     if (!/^(file|blob|data|about):/.test(request.url())) failures.push(`the page asks for ${request.url()}`);

@@ -1,7 +1,9 @@
 // Starts the page, and connects its parts. Programs find it as `window.instgs` (docs/page.md).
 
 import { Controls } from "./controls.js";
+import { GpuRenderer } from "./gpu_renderer.js";
 import { Panel, byId, grouped, rgbOf } from "./panel.js";
+import { Renderer } from "./renderer.js";
 import { BACKGROUND, Viewer } from "./viewer.js";
 
 const THEME_KEY = "instgs-theme";
@@ -159,6 +161,26 @@ function fail(error) {
   status.classList.add("failed");
 }
 
+/**
+ * Draws with WebGPU where there is, else with WebGL2.
+ * @param {HTMLCanvasElement} canvas
+ * @param {any} scene
+ */
+async function rendererOf(canvas, scene) {
+  const lost = () => fail("the graphics card was lost; load the page again");
+  // A shader's first line must be its version.
+  const shaders = (/** @type {string[]} */ ...names) =>
+    /** @type {any} */ (Object.fromEntries(names.map((name) => [name, textOf(name).trimStart()])));
+  // What WebGPU cannot do here, WebGL2 may.
+  const gpu = await GpuRenderer.create(canvas, scene, shaders("project-wgsl", "sort-wgsl", "splats-wgsl")).catch(() => null);
+  if (gpu) {
+    gpu.device.lost.then(lost);
+    return gpu;
+  }
+  canvas.addEventListener("webglcontextlost", lost);
+  return new Renderer(canvas, scene, shaders("project-frag", "quad-vert", "quad-frag", "screen-vert", "screen-frag"));
+}
+
 async function start() {
   document.body.classList.toggle("in-frame", IS_FRAMED);
   restoreTheme();
@@ -166,18 +188,14 @@ async function start() {
   const worker = startWorker();
   const scene = await unpacked(worker);
   const canvas = /** @type {HTMLCanvasElement} */ (byId("picture"));
-  // A shader's first line must be its version.
-  const names = ["project-frag", "quad-vert", "quad-frag", "screen-vert", "screen-frag"];
-  const shaders = /** @type {any} */ (Object.fromEntries(names.map((name) => [name, textOf(name).trimStart()])));
-  const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), shaders);
-  canvas.addEventListener("webglcontextlost", () => fail("the graphics card was lost; load the page again"));
+  const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), await rendererOf(canvas, scene));
   const panel = new Panel(viewer);
   const controls = new Controls(viewer, handlersOf(viewer, panel), IS_FRAMED);
   connectTools(viewer, controls);
   showFacts(scene);
   const fixed = cameraOfHash();
   await (fixed ? viewer.setFixed(fixed) : viewer.settled());
-  viewer.renderer.finish();
+  await viewer.renderer.finish();
   byId("status").hidden = true;
   return { viewer, panel };
 }
@@ -190,6 +208,7 @@ Object.assign(window, {
     ready: started.then(() => performance.now()),
     setCamera: async (/** @type {any} */ camera) => (await started).viewer.setFixed(camera),
     camera: async () => (await started).viewer.cameraFile(),
+    drawsWith: async () => ((await started).viewer.renderer.sortsItself ? "webgpu" : "webgl2"),
     pick: async (/** @type {number} */ x, /** @type {number} */ y) => (await (await started).viewer.pick(x, y))?.object ?? null,
     objects: async () => {
       const { viewer } = await started;

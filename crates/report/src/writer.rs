@@ -15,6 +15,7 @@ use instgs_io::{IoError, RunFolder, run_folder};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::pipeline::{Finished, Message, ObjectPhases, Phase, PipelineJob, Prepared};
 use instgs_train::TrainMessage;
+use instgs_train::config::Method;
 use instgs_train::event_log::read_events;
 use instgs_train::events::Event;
 use instgs_train::facts::{StageTime, TrainFacts};
@@ -116,13 +117,16 @@ impl ReportWriter {
         added
     }
 
-    /// Writes the report of the whole run; with templates and instances it covers both phases.
+    /// Writes the report of the whole run; with templates and instances it covers both phases, if both were run.
     ///
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self, job: &PipelineJob, finished: Finished) -> Result<RunReport, IoError> {
         if let Some(objects) = finished.objects {
             self.complete(job, objects);
+        }
+        // That of a plain cloud was written when it was trained.
+        if job.config.train.method == Method::Instanced {
             write(&job.folder(), &self.last)?;
         }
         Ok(self.last.report)

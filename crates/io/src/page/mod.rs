@@ -50,11 +50,12 @@ const WORKER: [&str; 9] = [
 ];
 
 /// Modules of the page.
-const MAIN: [&str; 8] = [
+const MAIN: [&str; 9] = [
     web!("linear.js"),
     web!("camera.js"),
     web!("layout.js"),
     web!("renderer.js"),
+    web!("gpu_renderer.js"),
     web!("viewer.js"),
     web!("panel.js"),
     web!("controls.js"),
@@ -116,6 +117,9 @@ pub fn page_text(
         ("QUAD_FRAG", web!("quad.frag")),
         ("SCREEN_VERT", web!("screen.vert")),
         ("SCREEN_FRAG", web!("screen.frag")),
+        ("PROJECT_WGSL", web!("project.wgsl")),
+        ("SORT_WGSL", web!("sort.wgsl")),
+        ("SPLATS_WGSL", web!("splats.wgsl")),
         ("WORKER", &linked(&WORKER)),
         ("MAIN", &linked(&MAIN)),
         ("START", &start),
