@@ -75,7 +75,8 @@ async function comparePictures(browser, comparer, views, drawsWith) {
   const used = await page.evaluate(() => window.instgs.drawsWith());
   check(used === drawsWith, `the page draws with ${used}, not with ${drawsWith}`);
   const first = await page.locator("#picture").screenshot();
-  check(first.equals(await pictureOf(page, views[0].camera)), "the camera of the address and of the program give different pictures");
+  const same = first.equals(await pictureOf(page, views[0].camera));
+  check(same, "the camera of the address and of the program give different pictures");
   const values = [];
   for (const { camera, png } of views) values.push(await psnr(comparer, png, await pictureOf(page, camera)));
   // A picture of another view must not pass.
@@ -83,7 +84,9 @@ async function comparePictures(browser, comparer, views, drawsWith) {
     const wrong = await psnr(comparer, views[1].png, first);
     check(wrong < LEAST_PSNR_DB, `the pictures of two views are alike (${wrong.toFixed(1)} dB): they prove nothing`);
   }
-  values.forEach((value, i) => check(value >= LEAST_PSNR_DB, `view ${i}, ${used}: ${value.toFixed(2)} dB is below ${LEAST_PSNR_DB}`));
+  values.forEach((value, i) => {
+    check(value >= LEAST_PSNR_DB, `view ${i}, ${used}: ${value.toFixed(2)} dB is below ${LEAST_PSNR_DB}`);
+  });
   await close();
   return { ready, values };
 }

@@ -44,7 +44,9 @@ async function compareScene(browser, comparer) {
     shown.push(await frame.locator("#picture").screenshot());
   }
   const values = [await psnr(comparer, ours[0], shown[0]), await psnr(comparer, ours[1], shown[1])];
-  values.forEach((value, i) => check(value >= LEAST_PSNR_DB, `view ${i} of the scene: ${value.toFixed(2)} dB is below ${LEAST_PSNR_DB}`));
+  values.forEach((value, i) => {
+    check(value >= LEAST_PSNR_DB, `view ${i} of the scene: ${value.toFixed(2)} dB is below ${LEAST_PSNR_DB}`);
+  });
   // A picture of another view must not pass.
   check((await psnr(comparer, ours[1], shown[0])) < LEAST_PSNR_DB, "the pictures of two views are alike: they prove nothing");
   await frame.evaluate(() => window.instgs.setCamera(null));
@@ -86,7 +88,8 @@ const stateOf = (slider) => slider.evaluate((element) => {
   const [box, divider] = [element, element.querySelector(".divider")].map((of) => of.getBoundingClientRect());
   const range = element.querySelector("input");
   const at = (divider.left + divider.width / 2 - box.left) / box.width;
-  return { at, value: Number(range.value) / 100, text: range.getAttribute("aria-valuetext"), isFocused: document.activeElement === range };
+  const isFocused = document.activeElement === range;
+  return { at, value: Number(range.value) / 100, text: range.getAttribute("aria-valuetext"), isFocused };
 });
 
 async function expectAt(slider, part, what) {
@@ -179,7 +182,8 @@ async function withoutScripts(browser) {
   await images.first().scrollIntoViewIfNeeded();
   const boxes = [await images.nth(0).boundingBox(), await images.nth(1).boundingBox()];
   const beside = boxes[0].x + boxes[0].width <= boxes[1].x && Math.abs(boxes[0].y - boxes[1].y) < 1;
-  check((await images.count()) === 3 && beside && boxes[0].width > 200, "without scripts photo and rendering do not stand side by side");
+  const isWhole = (await images.count()) === 3 && boxes[0].width > 200;
+  check(isWhole && beside, "without scripts photo and rendering do not stand side by side");
   await close();
 }
 

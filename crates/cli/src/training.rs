@@ -8,9 +8,9 @@ use instgs_console::{CliError, Printer, Progress, device};
 use instgs_io::{IoError, RunLock};
 use instgs_objects::pipeline::{Message, Observer, Phase, Pipeline, PipelineError, PipelineJob, Prepared, Stage};
 use instgs_report::{ReportError, ReportWriter, RunReport};
+use instgs_train::TrainMessage;
 use instgs_train::events::Event;
 use instgs_train::interrupt::Interrupt;
-use instgs_train::TrainMessage;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::InstancedScene;
 

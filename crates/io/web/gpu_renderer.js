@@ -17,7 +17,10 @@ const BLENDED = "rgba16float";
 /** What splats are blended with: each over what lies behind it. */
 const OVER = { srcFactor: "one", dstFactor: "one-minus-src-alpha", operation: "add" };
 
-/** Sources by the names of their files. @typedef {{"project-wgsl": string, "sort-wgsl": string, "splats-wgsl": string}} GpuShaders */
+/**
+ * Sources by the names of their files.
+ * @typedef {{"project-wgsl": string, "sort-wgsl": string, "splats-wgsl": string}} GpuShaders
+ */
 
 /**
  * Whether what the device draws reaches a canvas: some drivers compute, and have no pictures to share with the browser.
@@ -174,7 +177,8 @@ export class GpuRenderer {
   /** @param {string[]} types of buffers of a compute pass, by binding */
   layoutOf(types) {
     const visibility = /** @type {any} */ (globalThis).GPUShaderStage.COMPUTE;
-    return this.device.createBindGroupLayout({ entries: types.map((type, binding) => ({ binding, visibility, buffer: { type } })) });
+    const entries = types.map((type, binding) => ({ binding, visibility, buffer: { type } }));
+    return this.device.createBindGroupLayout({ entries });
   }
 
   /**
@@ -271,8 +275,10 @@ export class GpuRenderer {
     if (this.blendedSize[0] === width && this.blendedSize[1] === height) return;
     const { RENDER_ATTACHMENT, TEXTURE_BINDING } = /** @type {any} */ (globalThis).GPUTextureUsage;
     this.blended?.destroy();
-    this.blended = this.device.createTexture({ size: [width, height], format: BLENDED, usage: RENDER_ATTACHMENT | TEXTURE_BINDING });
-    const entries = [{ binding: 0, resource: { buffer: this.buffers.screen } }, { binding: 3, resource: this.blended.createView() }];
+    const usage = RENDER_ATTACHMENT | TEXTURE_BINDING;
+    this.blended = this.device.createTexture({ size: [width, height], format: BLENDED, usage });
+    const resources = [{ buffer: this.buffers.screen }, this.blended.createView()];
+    const entries = [0, 3].map((binding, i) => ({ binding, resource: resources[i] }));
     this.screenGroup = this.device.createBindGroup({ layout: this.pipelines?.screen.getBindGroupLayout(0), entries });
     this.blendedSize = [width, height];
   }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use instgs_io::{IoError, RunLock, read_views, write_groups, write_scene_file};
 use instgs_objects::pipeline::{
-    self, CloudLabels, Finished, Message, ObjectGroups, Observer, PipelineJob, build_templates, check_masks, find_groups,
-    label_gaussians, write_cloud,
+    self, CloudLabels, Finished, Message, ObjectGroups, Observer, PipelineJob, build_templates, check_masks,
+    find_groups, label_gaussians, write_cloud,
 };
 use instgs_report::{ReportWriter, RunReport, stage_pictures};
 use instgs_train::Trained as TrainedScene;

@@ -77,9 +77,8 @@ fn group_of(g: u32, group: &Bound<'_, PyDict>) -> PyResult<PosedGroup> {
         let value = group.get_item(key)?;
         value.ok_or_else(|| raised(format_args!("group {g} has no \"{key}\"")))
     };
-    let optional = |key: &str| -> PyResult<Option<Bound<'_, PyAny>>> {
-        Ok(group.get_item(key)?.filter(|value| !value.is_none()))
-    };
+    let optional =
+        |key: &str| -> PyResult<Option<Bound<'_, PyAny>>> { Ok(group.get_item(key)?.filter(|value| !value.is_none())) };
     let ids = Numbers::<u32>::of(&needed("ids")?, &format!("ids of group {g}"), &[None])?.values;
     let name = format!("world_from_template of group {g}");
     let shape = [Some(ids.len()), Some(3), Some(4)];

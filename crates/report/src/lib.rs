@@ -1,6 +1,6 @@
-//! Reports of a run: `RUN/report.json` and `RUN/report.html`, one file without external resources that draws the trained scene and
-//! compares its pictures with photos, `RUN/review.html` and the pictures of [`stage_pictures`]. For a run in two phases both reports include the plain
-//! cloud. [`ReportWriter`] observes a run; neither the trainer nor the pipeline calls this crate.
+//! Reports of a run: `RUN/report.json` and `RUN/report.html`, one file without external resources that draws the trained scene
+//! and compares its pictures with photos, `RUN/review.html` and the pictures of [`stage_pictures`]. For a run in two phases both
+//! reports include the plain cloud. [`ReportWriter`] observes a run; neither the trainer nor the pipeline calls this crate.
 
 pub mod chart;
 mod curves;

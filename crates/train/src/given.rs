@@ -64,11 +64,7 @@ fn of_scene(path: &Path, loaded: LoadedScene, config: &TrainConfig) -> Result<Gi
 }
 
 /// All Gaussians of a scene with the configuration's SH degree, and warnings.
-fn cloud_of(
-    path: &Path,
-    scene: &InstancedScene,
-    config: &TrainConfig,
-) -> Result<(Gaussians, Vec<String>), IoError> {
+fn cloud_of(path: &Path, scene: &InstancedScene, config: &TrainConfig) -> Result<(Gaussians, Vec<String>), IoError> {
     let mut warnings = Vec::new();
     let mut warn = |what: String| warnings.push(format!("{}: {what}", path.display()));
     let (trained, now) = (scene.pixel_filter, config.pixel_filter());
