@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use instgs_io::{IoError, RunLock, read_views, write_groups, write_scene_file};
 use instgs_objects::pipeline::{
-    self, CloudLabels, Finished, Message, ObjectGroups, Observer, PipelineJob, build_templates, check_masks,
-    find_groups, label_gaussians, write_cloud,
+    self, CloudLabels, Finished, MergedScene, Message, ObjectGroups, Observer, PipelineJob, build_templates,
+    check_masks, find_groups, label_gaussians, write_cloud,
 };
 use instgs_report::{ReportWriter, RunReport, stage_pictures};
 use instgs_train::Trained as TrainedScene;
@@ -42,7 +42,7 @@ impl Pipeline {
     /// Does a stage in a thread, with the folder's lock.
     fn stage<T: Send>(&self, py: Python<'_>, work: impl FnOnce(Teller) -> Result<T, WorkError> + Send) -> PyResult<T> {
         let out = &self.job.out;
-        let locked = |teller| {
+        let locked = |teller| -> Result<T, WorkError> {
             // Before anything of the folder is read that another run may be writing.
             let _lock = RunLock::take(out)?;
             work(teller)
@@ -130,7 +130,7 @@ impl Pipeline {
         let (cloud, labels) = segments.parts(py);
         let (groups, is_given) = (&poses.groups, poses.is_given);
         let job = if is_given { self.with_given_groups() } else { self.job.clone() };
-        let merged = self.stage(py, |_| {
+        let merged = self.stage(py, |_| -> Result<MergedScene, WorkError> {
             write_groups(&job.folder().groups(), groups)?;
             let merged = build_templates(&cloud, &labels, groups, &job.config)?;
             write_scene_file(&job.folder().initial_scene(), &merged.scene)?;
