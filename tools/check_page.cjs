@@ -1,15 +1,12 @@
 // The part of tools/check_page that drives the browser: PROGRAM SCENE FOLDER CAMERAS, with the page as FOLDER/page.html.
 "use strict";
-const { execFileSync } = require("child_process");
 const fs = require("fs");
 const path = require("path");
-const { psnr, startBrowser } = require("./browser/browser.cjs");
+const { looks, openPage, psnr, renderedBy, startBrowser } = require("./browser/browser.cjs");
 
 const LEAST_PSNR_DB = 35;
 const MOST_BYTES_BESIDE_SCENE = 300_000;
 const VIEWS = Number(process.env.VIEWS ?? 3);
-const PATIENCE_MS = 120_000;
-const SIZES = { desktop: { width: 1280, height: 800 }, phone: { width: 390, height: 844 } };
 /** Of the window that is clicked in: software rendering takes time by the pixel. */
 const CLICKED = { width: 820, height: 420 };
 /** Width of what the panel covers there. */
@@ -25,7 +22,6 @@ const check = (holds, what) => {
 
 /** Our own pictures: cameras spread over the file, or three on a circle. */
 function rendered() {
-  const out = path.join(folder, "ours");
   let cameras;
   if (camerasFile) {
     const all = [].concat(JSON.parse(fs.readFileSync(camerasFile, "utf8")));
@@ -34,10 +30,8 @@ function rendered() {
   } else {
     cameras = circle(JSON.parse(/id="start-data">([^<]*)</.exec(fs.readFileSync(file, "utf8"))[1]));
   }
-  const list = path.join(folder, "cameras.json");
-  fs.writeFileSync(list, JSON.stringify(cameras));
-  execFileSync(program, ["render", "--scene", scene, "--camera", list, "--out", out], { stdio: ["ignore", "ignore", "inherit"] });
-  return cameras.map((camera) => ({ camera, png: fs.readFileSync(path.join(out, `${camera.name}.png`)) }));
+  const pngs = renderedBy(program, scene, cameras, folder);
+  return cameras.map((camera, i) => ({ camera, png: pngs[i] }));
 }
 
 /** Cameras around the scene, from what the page knows of it. */
@@ -59,17 +53,11 @@ function circle({ center, distance, up }) {
   });
 }
 
-/** A page of the browser that reports what its console says. */
+/** The page with its first picture. */
 async function opened(browser, options, hash = "") {
-  const context = await browser.newContext(options);
-  const page = await context.newPage();
-  page.on("console", (message) => failures.push(`console: ${message.type()}: ${message.text()}`));
-  page.on("pageerror", (error) => failures.push(`error: ${error.message}`));
-  page.on("request", (request) => check(/^(file|blob|data):/.test(request.url()), `the page asks for ${request.url()}`));
-  page.setDefaultTimeout(PATIENCE_MS);
-  await page.goto(address + hash);
+  const { page, close } = await openPage(browser, address + hash, options, failures);
   const ready = await page.evaluate(() => window.instgs.ready);
-  return { page, ready, close: () => context.close() };
+  return { page, ready, close };
 }
 
 /** The canvas alone, at the camera's size. */
@@ -78,15 +66,17 @@ async function pictureOf(page, camera) {
   return page.locator("#picture").screenshot();
 }
 
-async function comparePictures(browser, comparer) {
-  const views = rendered();
+async function comparePictures(browser, comparer, views, drawsWith) {
   const width = Math.max(...views.map(({ camera }) => camera.width));
   const height = Math.max(...views.map(({ camera }) => camera.height));
   const options = { viewport: { width, height } };
   const hash = `#camera=${encodeURIComponent(JSON.stringify(views[0].camera))}`;
   const { page, ready, close } = await opened(browser, options, hash);
+  const used = await page.evaluate(() => window.instgs.drawsWith());
+  check(used === drawsWith, `the page draws with ${used}, not with ${drawsWith}`);
   const first = await page.locator("#picture").screenshot();
-  check(first.equals(await pictureOf(page, views[0].camera)), "the camera of the address and of the program give different pictures");
+  const same = first.equals(await pictureOf(page, views[0].camera));
+  check(same, "the camera of the address and of the program give different pictures");
   const values = [];
   for (const { camera, png } of views) values.push(await psnr(comparer, png, await pictureOf(page, camera)));
   // A picture of another view must not pass.
@@ -94,7 +84,9 @@ async function comparePictures(browser, comparer) {
     const wrong = await psnr(comparer, views[1].png, first);
     check(wrong < LEAST_PSNR_DB, `the pictures of two views are alike (${wrong.toFixed(1)} dB): they prove nothing`);
   }
-  values.forEach((value, i) => check(value >= LEAST_PSNR_DB, `view ${i}: ${value.toFixed(2)} dB is below ${LEAST_PSNR_DB}`));
+  values.forEach((value, i) => {
+    check(value >= LEAST_PSNR_DB, `view ${i}, ${used}: ${value.toFixed(2)} dB is below ${LEAST_PSNR_DB}`);
+  });
   await close();
   return { ready, values };
 }
@@ -176,17 +168,13 @@ async function moveAbout(page) {
 
 async function takeShots(browser, to) {
   fs.mkdirSync(to, { recursive: true });
-  for (const [name, viewport] of Object.entries(SIZES)) {
-    for (const colorScheme of ["light", "dark"]) {
-      const isPhone = name === "phone";
-      const options = { viewport, colorScheme, hasTouch: isPhone, isMobile: isPhone, deviceScaleFactor: isPhone ? 2 : 1 };
-      const { page, close } = await opened(browser, options);
-      await page.screenshot({ path: path.join(to, `${name}_${colorScheme}.png`) });
-      if (isPhone) await page.locator("#fold-panel").tap();
-      await page.evaluate(() => window.instgs.select([0]));
-      await page.screenshot({ path: path.join(to, `${name}_${colorScheme}_selected.png`) });
-      await close();
-    }
+  for (const { name, isPhone, options } of looks()) {
+    const { page, close } = await opened(browser, options);
+    await page.screenshot({ path: path.join(to, `${name}.png`) });
+    if (isPhone) await page.locator("#fold-panel").tap();
+    await page.evaluate(() => window.instgs.select([0]));
+    await page.screenshot({ path: path.join(to, `${name}_selected.png`) });
+    await close();
   }
 }
 
@@ -196,15 +184,21 @@ async function takeShots(browser, to) {
   const sceneBytes = /id="scene-data">([^<]*)</.exec(text)[1].length;
   const beside = bytes - sceneBytes;
   check(beside < MOST_BYTES_BESIDE_SCENE, `the page has ${beside} bytes beside its scene`);
-  const browser = await startBrowser();
+  let browser = await startBrowser();
   try {
     const comparer = await browser.newPage();
-    const { ready, values } = await comparePictures(browser, comparer);
+    const views = rendered();
+    const told = ({ ready, values }) =>
+      `first picture after ${Math.round(ready)} ms, PSNR ${values.map((value) => value.toFixed(2)).join(", ")} dB`;
+    const webgl2 = told(await comparePictures(browser, comparer, views, "webgl2"));
     const found = await useIt(browser);
     if (process.env.SHOTS) await takeShots(browser, process.env.SHOTS);
-    const shown = values.map((value) => value.toFixed(2)).join(", ");
-    console.log(`check_page: ${bytes} bytes (${beside} beside the scene), first picture after ${Math.round(ready)} ms, ` +
-      `PSNR ${shown} dB, ${found} instances found by clicking`);
+    await browser.close();
+    browser = await startBrowser(true);
+    const webgpu = told(await comparePictures(browser, await browser.newPage(), views, "webgpu"));
+    check((await useIt(browser)) === found, "clicks find other instances with WebGPU than with WebGL2");
+    console.log(`check_page: ${bytes} bytes (${beside} beside the scene); WebGL2: ${webgl2}; WebGPU: ${webgpu}; ` +
+      `${found} instances found by clicking`);
   } finally {
     await browser.close();
   }

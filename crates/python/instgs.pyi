@@ -412,6 +412,117 @@ def train(
     Ctrl-C, and an exception of on_event, stop the run after the step, with a checkpoint; then that exception is raised.
     Raises Error."""
 
+@final
+class Segments:
+    """A plain cloud of N Gaussians and the object of each, from Pipeline.segment."""
+
+    @property
+    def cloud(self) -> Scene:
+        """The plain cloud."""
+    @property
+    def labels(self) -> NDArray[np.uint32]:
+        """The object of each Gaussian, 0 for none, [N]."""
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        """What each Gaussian contributes to all training views, pixels, [N]."""
+    @property
+    def views_seen(self) -> NDArray[np.uint32]:
+        """The number of training views to which each Gaussian contributes, [N]."""
+    @property
+    def objects(self) -> list[dict[str, Any]]:
+        """The objects that the masks show: "id", "category", "views", "masks", "gaussians"."""
+    @property
+    def cameras(self) -> list[Camera]:
+        """The training views' cameras, at the size that is trained at."""
+    def relabelled(self, labels: ArrayLike) -> Segments:
+        """The same with other labels, [N]: what you know better than the masks. The files of the folder keep those found. Raises
+        Error."""
+    def __len__(self) -> int: ...
+
+class _GroupNeeds(TypedDict):
+    ids: ArrayLike
+    world_from_template: ArrayLike
+
+class GivenGroup(_GroupNeeds, total=False):
+    """A group of your own: ids of objects [K], the reference first, and where they stand [K, 3, 4]."""
+
+    template_id: int
+    name: Optional[str]
+    score: Optional[float]
+
+class PoseGroup(TypedDict):
+    """A group of objects that are alike: ids [K], the reference first, and where they stand [K, 3, 4]."""
+
+    template_id: int
+    name: Optional[str]
+    score: Optional[float]
+    ids: NDArray[np.uint32]
+    world_from_template: NDArray[np.float32]
+
+@final
+class Poses:
+    """Groups of objects that are alike and the pose of each, from Pipeline.register or your own."""
+
+    def __init__(self, groups: Sequence[Union[GivenGroup, PoseGroup]]) -> None:
+        """Groups of your own; they are shared even if the objects are not much alike. Raises Error."""
+    @property
+    def groups(self) -> list[PoseGroup]:
+        """The groups, with new arrays."""
+    @property
+    def objects(self) -> list[dict[str, Any]]:
+        """How each object was registered: "instance", "group", "verdict", "inliers", "rmse", "note", ...; empty for given
+        groups."""
+    def __len__(self) -> int:
+        """Number of groups."""
+
+@final
+class Merged:
+    """The scene that the joint phase starts from, and how alike its objects were."""
+
+    @property
+    def scene(self) -> Scene:
+        """Templates, instances and background; only background if nothing is shared."""
+    @property
+    def groups(self) -> list[dict[str, Any]]:
+        """For each group its template, the match distance and what became of its objects."""
+    @property
+    def hardly_seen(self) -> int:
+        """Number of Gaussians of the cloud that were left out because they hardly contribute to any view."""
+
+@final
+class Pipeline:
+    """The stages from a plain cloud to a trained scene of templates and instances: segment, register, template, joint.
+
+    Each stage takes what the one before returned, or what you made of it, and leaves its files in the folder, as the command
+    line's stages do. Ctrl-C and an exception of on_event stop a stage."""
+
+    def __init__(
+        self,
+        data: _Path,
+        out: _Path,
+        *,
+        config: Optional[_Path] = None,
+        set: Optional[Mapping[str, Union[bool, int, float, str, PathLike[str]]]] = None,
+        resume: bool = False,
+        device: Optional[_Device] = None,
+        on_event: Optional[Callable[[dict[str, Any]], object]] = None,
+    ) -> None:
+        """config, set and on_event are those of train. resume: the folder's configuration is used, segment reads labels that are
+        there, and joint goes on from its last checkpoint. Raises Error."""
+    def segment(self, cloud: Scene) -> Segments:
+        """Finds the object of each Gaussian of a trained plain cloud in the masks of its training views. Raises Error."""
+    def register(self, segments: Segments) -> Poses:
+        """Finds which objects are alike and the pose of each. With the configuration's "groups" it takes these, and refines their
+        poses unless that is off. Raises Error."""
+    def template(self, segments: Segments, poses: Poses) -> Merged:
+        """Makes one template for each group, with offsets for its objects. The scene is not trained yet. Raises Error."""
+    def joint(self, scene: Scene) -> Trained:
+        """Trains templates, offsets, background and poses together, from Merged.scene or another instanced scene. Raises
+        Error."""
+    @property
+    def folder(self) -> PathLike[str]:
+        """The folder of the results."""
+
 def eval(
     scene: Scene,
     data: _Path,

@@ -68,9 +68,10 @@ fn all_stages_leave_their_files_and_lose_no_quality() {
         assert_eq!(names.filter(|name| name.starts_with(stage)).count(), pictures, "{stage}");
     }
     let page = fs::read_to_string(run.join("report.html")).unwrap();
-    for title in ["Masks, objects and labels", "Registered poses", "Templates", "Pictures"] {
+    for title in ["The scene", "Masks, objects and labels", "Registered poses", "Templates", "Pictures"] {
         assert!(page.contains(&format!("<h2>{title}</h2>")), "{title}");
     }
+    assert!(page.contains("srcdoc=\"&lt;!DOCTYPE html&gt;"), "the scene is drawn within the page");
     let report = json(run.join("report.json"));
     assert!(report["stages"].as_array().unwrap().iter().any(|stage| stage["name"] == "pictures"));
     assert_eq!((report["method"].as_str(), report["steps"].as_u64()), (Some("instgs"), Some(60)));

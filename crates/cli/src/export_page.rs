@@ -5,8 +5,6 @@ use std::path::Path;
 use instgs_console::{CliError, Printer};
 use instgs_io::small::{Sensitivity, SmallOptions};
 use instgs_io::{Pack, PageOptions, RunFolder, read_cameras, write_page};
-use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::up::up_direction;
 use instgs_vk::scene::{Camera, InstancedScene};
 
 use super::export::ExportArgs;
@@ -21,11 +19,10 @@ pub(super) fn write(
     printer: &Printer,
 ) -> Result<(), CliError> {
     let cameras = cameras_beside(&args.scene, printer);
-    let given = args.up.map(Triple::direction);
-    let up = given.or_else(|| up_direction(&cameras)).unwrap_or_else(|| Orbit::around(scene, None).up);
     let small = sensitivity.map(|sensitivity| SmallOptions { sensitivity, picture_psnr_db: args.picture_psnr });
-    let options = PageOptions { pack, small: small.as_ref(), camera: cameras.first(), up };
-    Ok(write_page(&args.to, scene, &options)?)
+    let usual = PageOptions::of_views(scene, pack, &cameras);
+    let up = args.up.map_or(usual.up, Triple::direction);
+    Ok(write_page(&args.to, scene, &PageOptions { small: small.as_ref(), up, ..usual })?)
 }
 
 /// The training views of the run that a scene lies in; none if there is no such file, or none that can be read.

@@ -1,7 +1,6 @@
 //! `instgs-vk join`: makes one scene of trained blocks.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use clap::Args;
 
@@ -11,12 +10,11 @@ use instgs_blocks::{JoinInput, JoinReport, Joined, join};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
-use instgs_io::{IoError, RunFolder, Split, copy_file, load_scene, read_views, save_scene, write_scene_file};
+use instgs_io::{IoError, RunFolder, Split, copy_file, load_scene, read_views, save_scene};
 use instgs_objects::pipeline::PipelineJob;
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_train::config::Method;
 use instgs_train::interrupt::Interrupt;
-use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Makes one scene of the trained blocks of a data set that split divided.
@@ -90,7 +88,9 @@ pub(super) fn run(args: &JoinArgs, device_args: &DeviceArgs, printer: &Printer) 
         (Some(run), Some(config)) => {
             let resume = is_begun(run, &joined.scene)?;
             let job = PipelineJob { data, out: run.clone(), config, resume, accept_changed_data: false };
-            joined.scene = refined(&gpu, &job, &joined.scene, printer)?;
+            let interrupt = Interrupt::on_ctrl_c()?;
+            let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
+            joined.scene = refine_scene(&session, &job, &joined.scene)?;
             copy_file(&job.folder().scene(), &args.out)?;
         }
         _ => save_scene(&args.out, &joined.scene)?,
@@ -131,21 +131,6 @@ fn is_begun(run: &Path, scene: &InstancedScene) -> Result<bool, IoError> {
         }
         None => Ok(false),
     }
-}
-
-/// Trains the joined scene in a run folder of its own; returns the scene after that.
-fn refined(
-    gpu: &Arc<Gpu>,
-    job: &PipelineJob,
-    scene: &InstancedScene,
-    printer: &Printer,
-) -> Result<InstancedScene, CliError> {
-    job.folder().create()?;
-    if !job.resume {
-        write_scene_file(&job.folder().initial_scene(), scene)?;
-    }
-    let interrupt = Interrupt::on_ctrl_c()?;
-    refine_scene(&Session { gpu, interrupt: &interrupt, printer }, job)
 }
 
 impl JoinArgs {

@@ -8,9 +8,9 @@ use instgs_console::{CliError, Printer, Progress, device};
 use instgs_io::{IoError, RunLock};
 use instgs_objects::pipeline::{Message, Observer, Phase, Pipeline, PipelineError, PipelineJob, Prepared, Stage};
 use instgs_report::{ReportError, ReportWriter, RunReport};
+use instgs_train::TrainMessage;
 use instgs_train::events::Event;
 use instgs_train::interrupt::Interrupt;
-use instgs_train::{TrainMessage, train};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::InstancedScene;
 
@@ -171,22 +171,28 @@ impl TrainProgress<'_> {
     }
 }
 
-/// Trains the scene that lies in the run folder as the start of a joint phase, without the phases before; returns the trained
-/// scene.
+/// Trains a scene of templates and instances, without the phases before the joint one; returns the trained scene.
 ///
 /// # Errors
 /// Faulty input, a device that fails, an interrupted run, or another process that trains in the folder.
-pub fn refine_scene(session: &Session<'_>, job: &PipelineJob) -> Result<InstancedScene, CliError> {
+pub fn refine_scene(
+    session: &Session<'_>,
+    job: &PipelineJob,
+    scene: &InstancedScene,
+) -> Result<InstancedScene, CliError> {
     let _lock = RunLock::take(&job.out)?;
     let mut progress = TrainProgress { printer: session.printer, bar: None };
-    let training = job.training().map_err(PipelineError::from)?;
-    let mut tell = |message: TrainMessage<'_>| {
-        progress.tell(message);
+    let mut tell = |message: Message<'_>| {
+        if let Message::Training { message, .. } = message {
+            progress.tell(message);
+        }
         Ok(())
     };
-    let trained = train(session.gpu, &training, session.interrupt, &mut tell).map_err(PipelineError::from)?;
-    if trained.interrupted {
-        return Err(CliError::msg(format!("stopped after {} steps; the same command continues", trained.facts.steps)));
+    match (Pipeline { gpu: session.gpu, interrupt: session.interrupt }).joint(job, scene, &mut tell) {
+        Ok(trained) => Ok(trained.scene),
+        Err(PipelineError::Interrupted { steps, .. }) => {
+            Err(CliError::msg(format!("stopped after {steps} steps; the same command continues")))
+        }
+        Err(error) => Err(error.into()),
     }
-    Ok(trained.scene)
 }

@@ -76,7 +76,7 @@ pub use glb::{read_glb, write_glb};
 pub use groups::{read_groups, write_groups};
 pub use masks::{Mask, MaskFolder, read_mask, write_categories, write_mask};
 pub use nerf_write::{Frame, write_frames, write_transforms};
-pub use page::{PageOptions, write_page};
+pub use page::{PageOptions, page_text, write_page};
 pub use ply::{read_ply, write_ply};
 pub use point_cloud::{LoadedPoints, read_points, write_points};
 pub use run_folder::RunFolder;

@@ -22,10 +22,12 @@ export class Controls {
   /**
    * @param {import("./viewer.js").Viewer} viewer
    * @param {Handlers} handlers
+   * @param {boolean} isFramed whether the wheel is another page's until the picture is clicked
    */
-  constructor(viewer, handlers) {
+  constructor(viewer, handlers, isFramed) {
     this.viewer = viewer;
     this.handlers = handlers;
+    this.isFramed = isFramed;
     /** Whether dragging turns the head instead of the scene. */
     this.isFlying = false;
     /** @type {Map<number, {x: number, y: number}>} */
@@ -111,6 +113,8 @@ export class Controls {
 
   /** @param {WheelEvent} event */
   wheel(event) {
+    const isMine = document.hasFocus() && document.activeElement === this.viewer.canvas;
+    if (this.isFramed && !isMine && !document.fullscreenElement) return;
     event.preventDefault();
     if (this.viewer.fixed) return;
     // Lines and pages, in pixels.

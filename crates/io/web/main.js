@@ -1,10 +1,14 @@
 // Starts the page, and connects its parts. Programs find it as `window.instgs` (docs/page.md).
 
 import { Controls } from "./controls.js";
+import { GpuRenderer } from "./gpu_renderer.js";
 import { Panel, byId, grouped, rgbOf } from "./panel.js";
+import { Renderer } from "./renderer.js";
 import { BACKGROUND, Viewer } from "./viewer.js";
 
 const THEME_KEY = "instgs-theme";
+/** Whether another page holds this one as a frame: a report. That page then has the theme, and the wheel scrolls it. */
+const IS_FRAMED = window.parent !== window;
 
 /** @param {string} id */
 const textOf = (id) => byId(id).textContent ?? "";
@@ -67,6 +71,7 @@ function connectTools(viewer, controls) {
     const isDark = getComputedStyle(document.documentElement).colorScheme === "dark";
     setTheme(isDark ? "light" : "dark");
   });
+  connectFullScreen();
   byId("fold-panel").addEventListener("click", () => foldPanel(!document.body.classList.contains("folded")));
   const background = /** @type {HTMLInputElement} */ (byId("background"));
   background.addEventListener("input", () => viewer.setBackground(rgbOf(background.value)));
@@ -76,6 +81,20 @@ function connectTools(viewer, controls) {
     link.download = `${document.title}.instgs`;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  });
+}
+
+/** The button for the whole screen, where the browser has that. */
+function connectFullScreen() {
+  const full = byId("full");
+  full.hidden = !document.fullscreenEnabled;
+  full.addEventListener("click", () => {
+    // It may be refused; then the page stays as it is.
+    const change = document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
+    change.catch(() => {});
+  });
+  document.addEventListener("fullscreenchange", () => {
+    full.setAttribute("aria-pressed", String(document.fullscreenElement !== null));
   });
 }
 
@@ -95,16 +114,18 @@ function setTheme(theme) {
   }
 }
 
-/** The theme that was chosen here before, else the browser's. */
+/** The theme that was chosen here before, else the browser's; in a frame always the browser's, as the page around it. */
 function restoreTheme() {
   let chosen = null;
   try {
-    chosen = localStorage.getItem(THEME_KEY);
+    chosen = IS_FRAMED ? null : localStorage.getItem(THEME_KEY);
   } catch {
     // As above.
   }
-  const usual = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-  document.documentElement.dataset.theme = chosen ?? usual;
+  const isDark = matchMedia("(prefers-color-scheme: dark)");
+  const show = () => document.documentElement.dataset.theme = chosen ?? (isDark.matches ? "dark" : "light");
+  if (IS_FRAMED) isDark.addEventListener("change", show);
+  show();
 }
 
 /**
@@ -142,24 +163,41 @@ function fail(error) {
   status.classList.add("failed");
 }
 
+/**
+ * Draws with WebGPU where there is, else with WebGL2.
+ * @param {HTMLCanvasElement} canvas
+ * @param {any} scene
+ */
+async function rendererOf(canvas, scene) {
+  const lost = () => fail("the graphics card was lost; load the page again");
+  // A shader's first line must be its version.
+  const shaders = (/** @type {string[]} */ ...names) =>
+    /** @type {any} */ (Object.fromEntries(names.map((name) => [name, textOf(name).trimStart()])));
+  // What WebGPU cannot do here, WebGL2 may.
+  const gpu = await GpuRenderer.create(canvas, scene, shaders("project-wgsl", "sort-wgsl", "splats-wgsl")).catch(() => null);
+  if (gpu) {
+    gpu.device.lost.then(lost);
+    return gpu;
+  }
+  canvas.addEventListener("webglcontextlost", lost);
+  return new Renderer(canvas, scene, shaders("project-frag", "quad-vert", "quad-frag", "screen-vert", "screen-frag"));
+}
+
 async function start() {
+  document.body.classList.toggle("in-frame", IS_FRAMED);
   restoreTheme();
   foldPanel(matchMedia("(max-width: 700px)").matches);
   const worker = startWorker();
   const scene = await unpacked(worker);
   const canvas = /** @type {HTMLCanvasElement} */ (byId("picture"));
-  // A shader's first line must be its version.
-  const names = ["project-frag", "quad-vert", "quad-frag", "screen-vert", "screen-frag"];
-  const shaders = /** @type {any} */ (Object.fromEntries(names.map((name) => [name, textOf(name).trimStart()])));
-  const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), shaders);
-  canvas.addEventListener("webglcontextlost", () => fail("the graphics card was lost; load the page again"));
+  const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), await rendererOf(canvas, scene));
   const panel = new Panel(viewer);
-  const controls = new Controls(viewer, handlersOf(viewer, panel));
+  const controls = new Controls(viewer, handlersOf(viewer, panel), IS_FRAMED);
   connectTools(viewer, controls);
   showFacts(scene);
   const fixed = cameraOfHash();
   await (fixed ? viewer.setFixed(fixed) : viewer.settled());
-  viewer.renderer.finish();
+  await viewer.renderer.finish();
   byId("status").hidden = true;
   return { viewer, panel };
 }
@@ -172,6 +210,7 @@ Object.assign(window, {
     ready: started.then(() => performance.now()),
     setCamera: async (/** @type {any} */ camera) => (await started).viewer.setFixed(camera),
     camera: async () => (await started).viewer.cameraFile(),
+    drawsWith: async () => ((await started).viewer.renderer.sortsItself ? "webgpu" : "webgl2"),
     pick: async (/** @type {number} */ x, /** @type {number} */ y) => (await (await started).viewer.pick(x, y))?.object ?? null,
     objects: async () => {
       const { viewer } = await started;

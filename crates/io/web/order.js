@@ -1,27 +1,11 @@
 // The order in which splats are drawn: by view depth, ties in flat order (instances in file order, each its template and then
 // its own, then the background), as the renderer of instgs-vk has it.
 
-const DIGIT = 65536;
+import { flatList } from "./layout.js";
 
-/**
- * What can be drawn, in flat order: by splat its Gaussian in the pool and its row.
- * @typedef {{count: number, sources: Uint32Array, rows: Uint32Array}} FlatList
- *
- * @param {import("./scene.js").Row[]} rows
- * @returns {FlatList}
- */
-export function flatList(rows) {
-  const count = rows.reduce((sum, row) => sum + row.count, 0);
-  const out = { count, sources: new Uint32Array(count), rows: new Uint32Array(count) };
-  let at = 0;
-  rows.forEach((row, r) => {
-    for (let local = 0; local < row.count; local++, at++) {
-      out.sources[at] = row.first + local;
-      out.rows[at] = r;
-    }
-  });
-  return out;
-}
+/** @typedef {import("./layout.js").FlatList} FlatList */
+
+const DIGIT = 65536;
 
 /** Sorts splats for a view; buffers are kept between calls. */
 export class DepthOrder {

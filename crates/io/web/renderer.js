@@ -2,7 +2,7 @@
 // half floats, and that over the background.
 
 import { NEAR, viewOf } from "./camera.js";
-import { ROW_TEXELS, TEXTURE_WIDTH } from "./layout.js";
+import { ROW_TEXELS, TEXTURE_WIDTH, constantsOf } from "./layout.js";
 
 const GEOMETRY_UNIT = 0;
 const SH_UNIT = 1;
@@ -36,6 +36,8 @@ export class Renderer {
     this.canvas = canvas;
     this.scene = scene;
     this.count = 0;
+    /** The worker sorts for it. */
+    this.sortsItself = false;
     this.background = [0, 0, 0];
     /** Brightness of what is not selected. */
     this.dim = 1;
@@ -209,21 +211,6 @@ export class Renderer {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.blended, 0);
     this.blendedSize = [width, height];
   }
-}
-
-/**
- * Constants of the projection: what a scene has not, its shader has no code for.
- * @param {import("./textures.js").SceneTexels} texels
- */
-function constantsOf(texels) {
-  return {
-    COEFFICIENTS: texels.coefficients,
-    SH_TEXELS: texels.sh.texels,
-    OFFSET_TEXELS: texels.offsets.texels,
-    OFFSET_SHAPE: texels.hasShape ? 1 : 0,
-    OFFSET_SH_REST: texels.hasShRest ? 1 : 0,
-    FIRST_SH_REST: texels.hasShape ? 4 : 2,
-  };
 }
 
 /**

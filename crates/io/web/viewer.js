@@ -1,7 +1,6 @@
 // The picture: what is shown of the scene from where, and when it is drawn and sorted anew.
 
 import { Camera, viewOf } from "./camera.js";
-import { Renderer } from "./renderer.js";
 
 /** Largest number of canvas pixels per CSS pixel: more costs time, and is hardly seen. */
 const MOST_PIXEL_RATIO = 2;
@@ -18,13 +17,13 @@ export class Viewer {
    * @param {Worker} worker
    * @param {any} scene the worker's answer
    * @param {import("./camera.js").Start} start
-   * @param {import("./renderer.js").Shaders} shaders
+   * @param {import("./renderer.js").Renderer | import("./gpu_renderer.js").GpuRenderer} renderer
    */
-  constructor(canvas, worker, scene, start, shaders) {
+  constructor(canvas, worker, scene, start, renderer) {
     this.canvas = canvas;
     this.worker = worker;
     this.scene = scene;
-    this.renderer = new Renderer(canvas, scene, shaders);
+    this.renderer = renderer;
     this.camera = new Camera(start);
     /** @type {import("./camera.js").CameraFile | null} a camera that is shown as it is, at its own size */
     this.fixed = null;
@@ -74,7 +73,7 @@ export class Viewer {
     const view = viewOf(camera);
     const key = `${view.view.slice(8)} ${this.shownRows}`;
     if (this.isSorting) return;
-    if (key === this.sortedKey) {
+    if (this.renderer.sortsItself || key === this.sortedKey) {
       this.waiting.splice(0).forEach((resolve) => resolve());
       return;
     }

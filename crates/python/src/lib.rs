@@ -5,6 +5,7 @@
 //! The user's documentation is in the docstrings, in `instgs.pyi` and in `docs/python.md`.
 
 mod arrays;
+mod beside;
 mod camera;
 mod device;
 mod edit;
@@ -17,9 +18,12 @@ mod instances;
 mod json;
 mod look;
 mod picture;
+mod pipeline;
+mod poses;
 mod renderer;
 mod save;
 mod scene;
+mod segments;
 mod synth;
 mod train;
 mod views;
@@ -44,9 +48,15 @@ mod instgs {
     #[pymodule_export]
     use crate::picture::Picture;
     #[pymodule_export]
+    use crate::pipeline::{Merged, Pipeline};
+    #[pymodule_export]
+    use crate::poses::Poses;
+    #[pymodule_export]
     use crate::renderer::Renderer;
     #[pymodule_export]
     use crate::scene::Scene;
+    #[pymodule_export]
+    use crate::segments::Segments;
     #[pymodule_export]
     use crate::synth::synth;
     #[pymodule_export]

@@ -8,7 +8,6 @@ use instgs_io::{ExportFormat, Pack, PageOptions, export_scene, write_page, write
 use instgs_train::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::up_direction;
 use pyo3::prelude::*;
 
 use crate::device::{DeviceName, check_validation, open_device};
@@ -59,10 +58,11 @@ pub(crate) fn save(
             let cameras = sensitivity_cameras(data)?;
             let sensitivity = measure_sensitivity(&gpu, scene, &cameras, || ())?;
             let small = SmallOptions { sensitivity: &sensitivity, picture_psnr_db: psnr };
-            let up = how.up.or_else(|| up_direction(&cameras)).unwrap_or_else(|| Orbit::around(scene, None).up);
             match format {
                 ExportFormat::Page(pack) => {
-                    write_page(to, scene, &PageOptions { pack, small: Some(&small), camera: cameras.first(), up })?;
+                    let usual = PageOptions::of_views(scene, pack, &cameras);
+                    let up = how.up.unwrap_or(usual.up);
+                    write_page(to, scene, &PageOptions { small: Some(&small), up, ..usual })?;
                 }
                 _ => write_small_scene_file(to, scene, &small)?,
             }

@@ -1,34 +1,23 @@
-//! `instgs.train`: a run of the pipeline with its reports. The run has a thread of its own; the caller's thread passes its
-//! events to the user's callback and looks for Ctrl-C.
+//! `instgs.train`: a run of the pipeline with its reports.
 
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::ScopedJoinHandle;
-use std::time::Duration;
+use std::sync::Arc;
 
 use instgs_io::{IoError, RunFolder, RunLock, load_scene, read_views};
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_objects::pipeline::{Message, Observer, Pipeline, PipelineJob, Prepared};
 use instgs_report::{ReportWriter, RunReport};
-use instgs_train::interrupt::Interrupt;
 use instgs_train::unused_masks;
 use instgs_vk::gpu::Gpu;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
 use toml::Value;
 
+use crate::beside::{Teller, WorkError, beside};
 use crate::device::{DeviceName, check_validation, open_device};
 use crate::error::{OrRaise, raised, warn};
-use crate::events::{Told, told};
-use crate::json::{text_to_python, to_python};
+use crate::json::to_python;
 use crate::scene::Scene;
-
-/// Why a run ended early.
-type RunError = Box<dyn std::error::Error + Send + Sync>;
-
-/// How often the caller's thread looks for Ctrl-C.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// What a finished run made.
 #[pyclass(module = "instgs", frozen, get_all)]
@@ -39,6 +28,14 @@ pub(crate) struct Trained {
     report: Py<PyAny>,
     /// The run folder, with report.html and all else.
     folder: PathBuf,
+}
+
+impl Trained {
+    /// What a finished run left in its folder.
+    pub(crate) fn of_run(py: Python<'_>, folder: PathBuf, report: &RunReport) -> PyResult<Self> {
+        let scene = py.detach(|| load_scene(&RunFolder::new(&folder).scene())).or_raise()?.scene;
+        Ok(Self { scene: Py::new(py, Scene::of(scene))?, report: to_python(py, report)?.unbind(), folder })
+    }
 }
 
 #[pymethods]
@@ -85,14 +82,13 @@ pub(crate) fn train(
     unused_masks(&data, &config.train, &dataset.views).iter().try_for_each(|note| warn(py, note))?;
     let gpu = open_device(py, device)?;
     let job = PipelineJob { data, out, config, resume, accept_changed_data };
-    let report = run_beside(py, &gpu, &job, on_event.as_ref())?;
+    let report = beside(py, job.out.clone(), on_event.as_ref(), |teller| run(&gpu, &job, teller))?;
     check_validation(&gpu)?;
-    let scene = py.detach(|| load_scene(&job.folder().scene())).or_raise()?.scene;
-    Ok(Trained { scene: Py::new(py, Scene::of(scene))?, report: to_python(py, &report)?.unbind(), folder: job.out })
+    Trained::of_run(py, job.out, &report)
 }
 
 /// The configuration: the run's own when it goes on, the preset or file, then the values set.
-fn resolved(
+pub(crate) fn resolved(
     out: &Path,
     method: Option<&str>,
     config: Option<PathBuf>,
@@ -139,71 +135,17 @@ fn toml_value(key: &str, value: &Bound<'_, PyAny>) -> PyResult<Value> {
     }
 }
 
-/// Runs the job in a thread; this one passes on what it tells.
-fn run_beside(py: Python<'_>, gpu: &Arc<Gpu>, job: &PipelineJob, on_event: Option<&Py<PyAny>>) -> PyResult<RunReport> {
-    let (interrupt, (sender, receiver)) = (Interrupt::new(), channel());
-    let receiver = Mutex::new(receiver);
-    std::thread::scope(|scope| {
-        let (interrupt, asked) = (&interrupt, interrupt.clone());
-        let worker = scope.spawn(move || run(gpu, &asked, job, sender));
-        let stopped = listen(py, &receiver, interrupt, on_event);
-        let result = py.detach(|| join(worker));
-        match stopped {
-            Some(error) => Err(error),
-            None => result.or_raise(),
-        }
-    })
-}
-
-fn join(worker: ScopedJoinHandle<'_, Result<RunReport, RunError>>) -> Result<RunReport, RunError> {
-    worker.join().unwrap_or_else(|_| Err("the run ended in a fault of this program; see stderr".into()))
-}
-
-/// Passes on what the run tells until it ends. Ctrl-C or an exception of the user's callback asks it to stop; the first of
-/// these is returned.
-fn listen(
-    py: Python<'_>,
-    receiver: &Mutex<Receiver<Told>>,
-    interrupt: &Interrupt,
-    on_event: Option<&Py<PyAny>>,
-) -> Option<PyErr> {
-    let next = || receiver.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(LOOK_EVERY);
-    let mut stopped = None;
-    loop {
-        let told = match py.detach(next) {
-            Ok(told) => Some(told),
-            Err(RecvTimeoutError::Timeout) => None,
-            Err(RecvTimeoutError::Disconnected) => return stopped,
-        };
-        let passed = py.check_signals().and_then(|()| match (told, &stopped) {
-            (Some(told), None) => pass_on(py, told, on_event),
-            _ => Ok(()),
-        });
-        if let Err(error) = passed {
-            interrupt.request();
-            stopped.get_or_insert(error);
-        }
-    }
-}
-
-fn pass_on(py: Python<'_>, told: Told, on_event: Option<&Py<PyAny>>) -> PyResult<()> {
-    match (told, on_event) {
-        (Told::Warning(text), _) => warn(py, text),
-        (Told::Event(event), Some(on_event)) => on_event.call1(py, (text_to_python(py, &event)?,)).map(drop),
-        (Told::Event(_), None) => Ok(()),
-    }
-}
-
 /// Runs the job and writes its reports.
-fn run(gpu: &Arc<Gpu>, interrupt: &Interrupt, job: &PipelineJob, sender: Sender<Told>) -> Result<RunReport, RunError> {
+fn run(gpu: &Arc<Gpu>, job: &PipelineJob, teller: Teller) -> Result<RunReport, WorkError> {
     // Before anything of the folder is read that another run may be writing.
     let _lock = RunLock::take(&job.out)?;
-    let mut watcher = Watcher { gpu, job, interrupt, sender, report: ReportWriter::new() };
-    let finished = Pipeline { gpu, interrupt }.run(job, &mut watcher)?;
+    let interrupt = teller.interrupt.clone();
+    let mut watcher = Watcher { gpu, job, teller, report: ReportWriter::new() };
+    let finished = Pipeline { gpu, interrupt: &interrupt }.run(job, &mut watcher)?;
     if finished.objects.is_some()
         && let Err(error) = watcher.report.draw_trained_templates(gpu, job)
     {
-        watcher.warn(format!("pictures of the stages are missing: {error}"));
+        watcher.teller.warn(format!("pictures of the stages are missing: {error}"));
     }
     Ok(watcher.report.finish(job, finished)?)
 }
@@ -212,28 +154,17 @@ fn run(gpu: &Arc<Gpu>, interrupt: &Interrupt, job: &PipelineJob, sender: Sender<
 struct Watcher<'a> {
     gpu: &'a Arc<Gpu>,
     job: &'a PipelineJob,
-    interrupt: &'a Interrupt,
-    sender: Sender<Told>,
+    teller: Teller,
     report: ReportWriter,
 }
 
 impl Observer for Watcher<'_> {
     fn notify(&mut self, message: Message<'_>) -> Result<(), IoError> {
         self.report.observe(&message)?;
-        if let Some(told) = told(&message) {
-            self.tell(told);
-        }
         if let Message::Prepared(prepared) = message {
             self.draw(prepared);
         }
-        // The trainer looks for itself, between steps, and leaves a checkpoint.
-        let trains = matches!(message, Message::Training { .. } | Message::Trained { .. });
-        if self.interrupt.requested() && !trains {
-            return Err(
-                IoError::new(&self.job.out, "was stopped between two stages").advise("continue it with resume=True")
-            );
-        }
-        Ok(())
+        self.teller.notify(message)
     }
 }
 
@@ -241,19 +172,10 @@ impl Watcher<'_> {
     /// Draws the stages. A run is worth more than its pictures: if they fail it continues.
     fn draw(&mut self, prepared: &Prepared) {
         if let Err(error) = self.report.draw_stages(self.gpu, self.job, prepared) {
-            self.warn(format!("pictures of the stages are missing: {error}"));
+            self.teller.warn(format!("pictures of the stages are missing: {error}"));
         }
         if let Err(error) = self.report.review(self.job) {
-            self.warn(format!("the contact sheet of masks is missing: {error}"));
+            self.teller.warn(format!("the contact sheet of masks is missing: {error}"));
         }
-    }
-
-    fn warn(&self, text: String) {
-        self.tell(Told::Warning(text));
-    }
-
-    fn tell(&self, told: Told) {
-        // The caller's thread listens until this end is gone.
-        let _ = self.sender.send(told);
     }
 }

@@ -35,7 +35,8 @@ def test_pictures_are_those_of_the_program(scene, camera, renderer, program, tmp
     (tmp_path / "c.json").write_text(json.dumps(view))
     report = program(
         *("render", "--scene", tmp_path / "s.instgs", "--camera", tmp_path / "c.json", "--out", tmp_path),
-        *("--format", "ktx2", "--depth", "--background", "0.2,0.4,0.6"),
+        # The package draws in f32, the program in f16 unless told otherwise.
+        *("--format", "ktx2", "--depth", "--background", "0.2,0.4,0.6", "--device-precision", "f32"),
     )
     assert report["device"] == renderer.device
     picture = renderer.render(scene, camera, background=(0.2, 0.4, 0.6))

@@ -1,6 +1,6 @@
-//! Reports of a run: `RUN/report.json` and `RUN/report.html`, a page without scripts or external resources,
-//! `RUN/review.html` and the pictures of [`stage_pictures`]. For a run in two phases both reports include the plain
-//! cloud. [`ReportWriter`] observes a run; neither the trainer nor the pipeline calls this crate.
+//! Reports of a run: `RUN/report.json` and `RUN/report.html`, one file without external resources that draws the trained scene
+//! and compares its pictures with photos, `RUN/review.html` and the pictures of [`stage_pictures`]. For a run in two phases both
+//! reports include the plain cloud. [`ReportWriter`] observes a run; neither the trainer nor the pipeline calls this crate.
 
 pub mod chart;
 mod curves;
@@ -13,6 +13,7 @@ mod phases;
 mod pictures;
 mod review_page;
 mod run_report;
+mod scene_view;
 pub mod stage_pictures;
 mod stages;
 mod table;
@@ -27,6 +28,7 @@ pub use pace::final_steps_per_second;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
 pub use review_page::{KindOfMasks, ReviewSheet, ReviewView, write_review};
 pub use run_report::RunReport;
+pub use scene_view::SceneView;
 pub use stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 pub use training_clock::training_seconds;
 pub use writer::ReportWriter;
@@ -47,6 +49,8 @@ pub struct ReportData {
     pub vanilla_events: Vec<Event>,
     /// Test views with their pictures, in the order of the page; see [`choose`].
     pub pictures: Vec<ViewPicture>,
+    /// The trained scene; without it the page has no place for it.
+    pub scene: Option<SceneView>,
     /// For instgs: pictures of the stages before the joint phase.
     pub stages: StagePictures,
 }

@@ -10,7 +10,7 @@ use super::pictures::{self, DIFFERENCE_GAIN};
 use super::run_report::RunReport;
 use super::stages as of_stages;
 use super::table::{bar, table};
-use super::{PictureError, ReportData, ViewPicture};
+use super::{PictureError, ReportData, Rgb8, SceneView, ViewPicture};
 use instgs_io::{IoError, Place};
 use instgs_train::config::Method;
 use instgs_train::facts::Metrics;
@@ -22,6 +22,7 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     out += &head(report);
     out += &tiles(report);
     out += &section("Warnings", &warnings(report));
+    out += &section("The scene", &data.scene.as_ref().map(SceneView::html).unwrap_or_default());
     out += &section("Curves", &charts(data));
     out += &section("Beside the plain cloud", &phases::beside(data));
     out += &section("Groups", &phases::groups(report));
@@ -40,6 +41,9 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     let config =
         format!("<details><summary>Resolved configuration</summary><pre>{}</pre></details>\n", escape(&config));
     out += &section("Configuration", &config);
+    if !data.pictures.is_empty() {
+        out += &format!("<script>\n{}</script>\n", include_str!("compare.js"));
+    }
     Ok(out + "</body>\n</html>\n")
 }
 
@@ -153,12 +157,14 @@ fn views(all: &[ViewPicture], path: &Path) -> Result<String, IoError> {
         let addresses = pictures::addresses(&view.ground_truth, &view.render).map_err(fail)?;
         let name = escape(&view.name);
         out += &format!(
-            "<div class=\"view\"><h3>{name}<span>{}</span></h3>\n<div class=\"trio\">\n",
+            "<div class=\"view\"><h3>{name}<span>{}</span></h3>\n<div class=\"trio\" data-view=\"{name}\">\n",
             words(&view.metrics)
         );
+        let Rgb8 { width, height, .. } = view.ground_truth;
         for (caption, address) in captions.iter().zip(&addresses) {
             out += &format!(
-                "<figure><img src=\"{address}\" alt=\"{name}: {caption}\"/><figcaption>{caption}</figcaption></figure>\n"
+                "<figure><img src=\"{address}\" width=\"{width}\" height=\"{height}\" alt=\"{name}: {caption}\"/>\
+                 <figcaption>{caption}</figcaption></figure>\n"
             );
         }
         out += "</div></div>\n";

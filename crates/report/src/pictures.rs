@@ -1,4 +1,5 @@
-//! Pictures for the page: photo, rendering, and their difference, as PNG in `data:` addresses.
+//! Pictures for the page in `data:` addresses: photo, rendering, and their difference as PNG, since they are compared; the stages'
+//! as PNG or JPEG.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -42,10 +43,7 @@ impl Rgb8 {
     /// # Errors
     /// The same errors as [`Rgb8::png`].
     pub fn jpeg_address(&self) -> Result<String, PictureError> {
-        let image = image_of(self)?;
-        let mut jpeg = Vec::new();
-        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(&image)?;
-        Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
+        jpeg_address(&image_of(self)?)
     }
 
     /// The picture scaled to another size, interpolated.
@@ -84,12 +82,14 @@ pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3
     for (a, b) in difference.iter_mut().zip(render.iter()) {
         *a = u8::try_from(DIFFERENCE_GAIN * u16::from(a.abs_diff(*b))).unwrap_or(u8::MAX);
     }
-    Ok([scaled_address(&truth)?, scaled_address(&render)?, scaled_address(&difference)?])
+    Ok([png_address(&scaled(truth))?, png_address(&scaled(render))?, png_address(&scaled(difference))?])
 }
 
-/// The `data:` address of a picture.
+/// The `data:` address of a picture that illustrates: as PNG or JPEG, whichever is smaller.
 pub(super) fn address(picture: &Rgb8) -> Result<String, PictureError> {
-    scaled_address(&image_of(picture)?)
+    let image = scaled(image_of(picture)?);
+    let (png, jpeg) = (png_address(&image)?, jpeg_address(&image)?);
+    Ok(if jpeg.len() < png.len() { jpeg } else { png })
 }
 
 fn image_of(picture: &Rgb8) -> Result<RgbImage, PictureError> {
@@ -101,16 +101,24 @@ fn image_of(picture: &Rgb8) -> Result<RgbImage, PictureError> {
     RgbImage::from_raw(width, height, pixels.clone()).ok_or(PictureError::TooLarge)
 }
 
-fn scaled_address(image: &RgbImage) -> Result<String, PictureError> {
+/// The image at the page's width if it is wider.
+fn scaled(image: RgbImage) -> RgbImage {
     let (width, height) = image.dimensions();
-    let scaled = if width > MAX_WIDTH_PX {
-        let height = (u64::from(height) * u64::from(MAX_WIDTH_PX)).div_ceil(u64::from(width)).max(1);
-        Some(imageops::thumbnail(image, MAX_WIDTH_PX, height as u32))
-    } else {
-        None
-    };
-    let png = encoded(scaled.as_ref().unwrap_or(image))?;
-    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
+    if width <= MAX_WIDTH_PX {
+        return image;
+    }
+    let height = (u64::from(height) * u64::from(MAX_WIDTH_PX)).div_ceil(u64::from(width)).max(1);
+    imageops::thumbnail(&image, MAX_WIDTH_PX, height as u32)
+}
+
+fn png_address(image: &RgbImage) -> Result<String, PictureError> {
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(encoded(image)?)))
+}
+
+fn jpeg_address(image: &RgbImage) -> Result<String, PictureError> {
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(image)?;
+    Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
 }
 
 fn encoded(image: &RgbImage) -> Result<Vec<u8>, PictureError> {
@@ -142,6 +150,20 @@ mod tests {
         assert_eq!(decoded(&a).into_raw(), truth.pixels);
         assert_eq!(decoded(&b).into_raw(), render.pixels);
         assert_eq!(decoded(&d).into_raw(), [4, 8, 0, 255, 255, 0]);
+    }
+
+    /// Flat areas of few colours are smaller as PNG, photos as JPEG.
+    #[test]
+    fn what_illustrates_takes_the_smaller_format() {
+        let flat = Rgb8 { width: 64, height: 64, pixels: vec![200; 3 * 64 * 64] };
+        assert!(address(&flat).unwrap().starts_with("data:image/png;"));
+        let mut state = 1u32;
+        let noise = (0..3 * 64 * 64).map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        });
+        let photo = Rgb8 { width: 64, height: 64, pixels: noise.collect() };
+        assert!(address(&photo).unwrap().starts_with("data:image/jpeg;"));
     }
 
     #[test]

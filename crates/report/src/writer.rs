@@ -1,10 +1,13 @@
 //! Writes the reports of a run while it goes on, from the messages that the run's observer receives.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
 use super::stage_pictures::{self, data::StagePictures};
-use super::{JointMatch, ReportData, ReportError, Rgb8, RunReport, ViewPicture, choose, training_seconds, write};
+use super::{
+    JointMatch, ReportData, ReportError, Rgb8, RunReport, SceneView, ViewPicture, choose, training_seconds, write,
+};
 use instgs_eval::Evaluated;
 use instgs_io::json::read_json;
 use instgs_io::picture_png::write_png;
@@ -12,6 +15,7 @@ use instgs_io::{IoError, RunFolder, run_folder};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::pipeline::{Finished, Message, ObjectPhases, Phase, PipelineJob, Prepared};
 use instgs_train::TrainMessage;
+use instgs_train::config::Method;
 use instgs_train::event_log::read_events;
 use instgs_train::events::Event;
 use instgs_train::facts::{StageTime, TrainFacts};
@@ -30,7 +34,7 @@ pub struct ReportWriter {
     /// Report and log of the plain cloud that the run trained or reused.
     cloud: Option<(RunReport, Vec<Event>)>,
     pictures: StagePictures,
-    /// Time spent on the pictures of the stages, seconds.
+    /// Time spent on pictures of the stages and on views of scenes, seconds.
     drawing_seconds: f64,
 }
 
@@ -54,7 +58,9 @@ impl ReportWriter {
                 let events = read_events(&folder.events())?;
                 let report = report_of(facts, &events, config);
                 let shown = choose(&report.views, PICTURES).into_iter().filter_map(|i| pictures.get(i).cloned());
-                self.last = ReportData { report, events, pictures: shown.collect(), ..ReportData::default() };
+                let pictures = shown.collect();
+                let scene = Some(self.scene_view(folder, &report));
+                self.last = ReportData { report, events, pictures, scene, ..ReportData::default() };
                 if *phase == Phase::PlainCloud {
                     write(folder, &self.last)?;
                     self.cloud = Some((self.last.report.clone(), self.last.events.clone()));
@@ -64,6 +70,14 @@ impl ReportWriter {
             _ => {}
         }
         Ok(())
+    }
+
+    /// The view of a trained scene.
+    fn scene_view(&mut self, run: &RunFolder, report: &RunReport) -> SceneView {
+        let started = Instant::now();
+        let view = SceneView::of_run(run, Path::new(&report.dataset.path));
+        self.drawing_seconds += started.elapsed().as_secs_f64();
+        view
     }
 
     /// Draws pictures of the stages from masks to templates, into `RUN/stages/` and for the page.
@@ -103,13 +117,16 @@ impl ReportWriter {
         added
     }
 
-    /// Writes the report of the whole run; with templates and instances it covers both phases.
+    /// Writes the report of the whole run; with templates and instances it covers both phases, if both were run.
     ///
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self, job: &PipelineJob, finished: Finished) -> Result<RunReport, IoError> {
         if let Some(objects) = finished.objects {
             self.complete(job, objects);
+        }
+        // That of a plain cloud was written when it was trained.
+        if job.config.train.method == Method::Instanced {
             write(&job.folder(), &self.last)?;
         }
         Ok(self.last.report)
@@ -159,7 +176,9 @@ fn report_of_reused(
             return Ok((report, events));
         }
     }
-    let data = ReportData { report: report_of(facts, &events, config), events, ..ReportData::default() };
+    let report = report_of(facts, &events, config);
+    let scene = Some(SceneView::of_run(run, Path::new(&report.dataset.path)));
+    let data = ReportData { report, events, scene, ..ReportData::default() };
     write(run, &data)?;
     Ok((data.report, data.events))
 }

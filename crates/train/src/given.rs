@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use instgs_io::{IoError, LoadedScene, load_scene};
-use instgs_vk::scene::Gaussians;
+use instgs_vk::scene::{Gaussians, InstancedScene};
 
 use super::config::TrainConfig;
 
@@ -31,20 +31,43 @@ pub fn given_cloud(path: &Path, config: &TrainConfig) -> Result<GivenCloud, IoEr
 /// The same errors as [`given_cloud`], and a scene with instances.
 pub fn given_plain_cloud(path: &Path, config: &TrainConfig) -> Result<GivenCloud, IoError> {
     let loaded = load_scene(path)?;
-    let instances = loaded.scene.instances.len();
-    if instances > 0 {
-        let error =
-            IoError::new(path, format!("has {instances} instances already; objects are found in a plain cloud"));
-        return Err(error.advise("expand them with instgs-vk export --to X.ply, or take the cloud it was made of"));
-    }
+    refuse_instances(path, &loaded.scene)?;
     of_scene(path, loaded, config)
 }
 
+/// The same of a scene in memory: its cloud and the warnings; `name` is for messages.
+///
+/// # Errors
+/// A scene with instances, or without Gaussians.
+pub fn plain_cloud_of(
+    scene: &InstancedScene,
+    name: &Path,
+    config: &TrainConfig,
+) -> Result<(Gaussians, Vec<String>), IoError> {
+    refuse_instances(name, scene)?;
+    cloud_of(name, scene, config)
+}
+
+fn refuse_instances(path: &Path, scene: &InstancedScene) -> Result<(), IoError> {
+    let instances = scene.instances.len();
+    if instances == 0 {
+        return Ok(());
+    }
+    let error = IoError::new(path, format!("has {instances} instances already; objects are found in a plain cloud"));
+    Err(error.advise("expand them with instgs-vk export --to X.ply, or take the cloud it was made of"))
+}
+
 fn of_scene(path: &Path, loaded: LoadedScene, config: &TrainConfig) -> Result<GivenCloud, IoError> {
+    let of_file = loaded.warnings().into_iter().map(|what| format!("{}: {what}", path.display()));
+    let (cloud, of_cloud) = cloud_of(path, &loaded.scene, config)?;
+    Ok(GivenCloud { cloud, file_bytes: loaded.file_bytes, warnings: of_file.chain(of_cloud).collect() })
+}
+
+/// All Gaussians of a scene with the configuration's SH degree, and warnings.
+fn cloud_of(path: &Path, scene: &InstancedScene, config: &TrainConfig) -> Result<(Gaussians, Vec<String>), IoError> {
     let mut warnings = Vec::new();
     let mut warn = |what: String| warnings.push(format!("{}: {what}", path.display()));
-    loaded.warnings().into_iter().for_each(&mut warn);
-    let (trained, now) = (loaded.scene.pixel_filter, config.pixel_filter());
+    let (trained, now) = (scene.pixel_filter, config.pixel_filter());
     if trained.antialias && !now.antialias {
         warn("was trained with opacity compensation, which is off; see --set antialias=true".into());
     }
@@ -52,10 +75,10 @@ fn of_scene(path: &Path, loaded: LoadedScene, config: &TrainConfig) -> Result<Gi
         let (before, now) = (trained.dilation_px2, now.dilation_px2);
         warn(format!("was trained with a dilation of {before} px^2, not {now}; see --set dilation={before}"));
     }
-    let mut cloud = loaded.scene.flatten();
+    let mut cloud = scene.flatten();
     if cloud.is_empty() {
         return Err(IoError::new(path, "has no Gaussians to start from"));
     }
     cloud.set_sh_degree(config.sh_degree);
-    Ok(GivenCloud { cloud, file_bytes: loaded.file_bytes, warnings })
+    Ok((cloud, warnings))
 }

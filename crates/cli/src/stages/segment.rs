@@ -6,14 +6,13 @@ use clap::Args;
 
 use super::with_sets;
 use crate::progress_lines::LabelLines;
-use instgs_console::args::{absolute, create_folder};
+use instgs_console::args::absolute;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
-use instgs_io::{IoError, RunFolder, atomic_write, write_ply};
+use instgs_io::{IoError, RunFolder};
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
-use instgs_objects::pipeline::label_gaussians::read_cloud;
-use instgs_objects::pipeline::{PipelineJob, check_masks, label_gaussians};
+use instgs_objects::pipeline::{PipelineJob, check_masks, label_gaussians, write_cloud};
 use instgs_objects::segment::ConsensusReport;
 use instgs_report::stage_pictures;
 use instgs_train::config::Method;
@@ -79,17 +78,12 @@ pub(crate) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printe
         resume: false,
         accept_changed_data: false,
     };
-    let folder = job.folder();
     let mut warnings = check_masks(&job)?;
     let given = given_plain_cloud(&args.scene, &job.config.train)?;
     warnings.extend(given.warnings);
     warnings.iter().for_each(|text| printer.warning(text));
     let gpu = device::open(device_args.choice())?;
-    create_folder(&args.out)?;
-    let text = job.config.to_toml()?;
-    atomic_write(&folder.config(), |out| out.write_all(text.as_bytes()))?;
-    write_ply(&folder.point_cloud(), &given.cloud, job.config.train.pixel_filter())?;
-    let cloud = read_cloud(&folder)?;
+    let cloud = write_cloud(&job, &given.cloud)?;
     let mut lines = LabelLines::new(printer);
     let found = label_gaussians(&gpu, &job, &cloud, &mut lines);
     drop(lines);

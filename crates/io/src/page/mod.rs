@@ -24,6 +24,7 @@ use base85::base85;
 use instgs_vk::scene::camera::Camera;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::up::up_direction;
 
 /// The page, with `{{NAME}}` where something goes.
 const TEMPLATE: &str = include_str!("../../web/page.html");
@@ -49,11 +50,12 @@ const WORKER: [&str; 9] = [
 ];
 
 /// Modules of the page.
-const MAIN: [&str; 8] = [
+const MAIN: [&str; 9] = [
     web!("linear.js"),
     web!("camera.js"),
     web!("layout.js"),
     web!("renderer.js"),
+    web!("gpu_renderer.js"),
     web!("viewer.js"),
     web!("panel.js"),
     web!("controls.js"),
@@ -73,32 +75,56 @@ pub struct PageOptions<'a> {
     pub up: DVec3,
 }
 
+impl<'a> PageOptions<'a> {
+    /// Begins at the first of the views that a scene was trained on, with up as they have it; without views, at the whole scene.
+    pub fn of_views(scene: &InstancedScene, pack: Pack, views: &'a [Camera]) -> Self {
+        let up = up_direction(views).unwrap_or_else(|| Orbit::around(scene, None).up);
+        Self { pack, small: None, camera: views.first(), up }
+    }
+}
+
 /// Writes a scene as a page. The same scene and options give the same bytes. Its title is the file's name.
 ///
 /// # Errors
 /// The scene is inconsistent, the options are of another scene, or the file cannot be written.
 pub fn write_page(path: &Path, scene: &InstancedScene, options: &PageOptions<'_>) -> Result<(), IoError> {
+    let title = path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned());
+    let page = page_text(&title, scene, options, path)?;
+    atomic_write(path, |out| out.write_all(page.as_bytes()))
+}
+
+/// The page of a scene as text, for a page that holds it as a frame; `path` is for messages.
+///
+/// # Errors
+/// The scene is inconsistent, or the options are of another scene.
+pub fn page_text(
+    title: &str,
+    scene: &InstancedScene,
+    options: &PageOptions<'_>,
+    path: &Path,
+) -> Result<String, IoError> {
     let file = match options.small.filter(|_| options.pack == Pack::Small) {
         Some(small) => small_scene_file_bytes(scene, small, path)?,
         None => packed_scene_file_bytes(scene, options.pack, path)?,
     };
-    let title = path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned());
     let start = start_json(scene, options).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
     let packed = deflated(&file).map_err(|e| IoError::os(path, "cannot write", &e))?;
-    let page = filled(&[
-        ("TITLE", &escaped(&title)),
+    Ok(filled(&[
+        ("TITLE", &escaped(title)),
         ("STYLE", web!("page.css")),
         ("PROJECT_FRAG", web!("project.frag")),
         ("QUAD_VERT", web!("quad.vert")),
         ("QUAD_FRAG", web!("quad.frag")),
         ("SCREEN_VERT", web!("screen.vert")),
         ("SCREEN_FRAG", web!("screen.frag")),
+        ("PROJECT_WGSL", web!("project.wgsl")),
+        ("SORT_WGSL", web!("sort.wgsl")),
+        ("SPLATS_WGSL", web!("splats.wgsl")),
         ("WORKER", &linked(&WORKER)),
         ("MAIN", &linked(&MAIN)),
         ("START", &start),
         ("SCENE", &base85(&packed)),
-    ]);
-    atomic_write(path, |out| out.write_all(page.as_bytes()))
+    ]))
 }
 
 /// Where the page begins, as `camera.js` reads it (its `Start`): JSON that may stand in a script element.

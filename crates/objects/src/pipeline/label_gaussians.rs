@@ -15,10 +15,12 @@ use crate::segment::{
 use instgs_io::checkpoint::Checkpoint;
 use instgs_io::json::{read_json, write_json};
 use instgs_io::view_image::camera_at_width;
-use instgs_io::{IoError, MaskFolder, RunFolder, Split, View, load_scene, read_cameras, write_cameras};
+use instgs_io::{
+    IoError, MaskFolder, RunFolder, Split, View, atomic_write, load_scene, read_cameras, write_cameras, write_ply,
+};
 use instgs_train::read_dataset;
 use instgs_vk::gpu::Gpu;
-use instgs_vk::scene::{Camera, InstancedScene, PosedGroup};
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PosedGroup};
 
 use super::error::PipelineError;
 use super::job::PipelineJob;
@@ -116,6 +118,19 @@ impl CloudLabels {
         file.put(VIEWS_TENSOR, &[self.views_seen.len()], self.views_seen.clone());
         file.write(&folder.labels())
     }
+}
+
+/// Makes the job's folder with its configuration and a plain cloud, as the stages read them; returns the scene of the cloud.
+///
+/// # Errors
+/// A configuration that cannot be written down, or a file that cannot be written.
+pub fn write_cloud(job: &PipelineJob, cloud: &Gaussians) -> Result<InstancedScene, PipelineError> {
+    let folder = job.folder();
+    folder.create()?;
+    let text = job.config.to_toml()?;
+    atomic_write(&folder.config(), |out| out.write_all(text.as_bytes()))?;
+    write_ply(&folder.point_cloud(), cloud, job.config.train.pixel_filter())?;
+    Ok(read_cloud(&folder)?)
 }
 
 /// Reads the cloud that a folder's labels belong to.

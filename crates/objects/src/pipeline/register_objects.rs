@@ -32,7 +32,7 @@ pub struct ObjectGroups {
 ///
 /// # Errors
 /// A groups.json that is missing or damaged, or a device that fails.
-pub(super) fn find_groups(
+pub fn find_groups(
     gpu: &Arc<Gpu>,
     job: &PipelineJob,
     cloud: &InstancedScene,

@@ -15,7 +15,7 @@ use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
 use super::prepare::{Prepared, prepare};
 use instgs_io::json::read_json;
-use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, write_ply};
+use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, write_ply, write_scene_file};
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
 use instgs_train::given::{GivenCloud, given_cloud};
@@ -132,6 +132,24 @@ impl Pipeline<'_> {
         let trained = self.train(job, &job.out, Phase::Joint, observer)?;
         let objects = Some(ObjectPhases { plain_cloud, prepared });
         Ok(Finished { scene: trained.scene, facts: trained.facts, objects })
+    }
+
+    /// The joint phase alone: trains a scene of templates and instances into the job's folder. A job that resumes goes on with
+    /// the scene that it began with.
+    ///
+    /// # Errors
+    /// Faulty input, a device that fails, or an interrupted run.
+    pub fn joint(
+        &self,
+        job: &PipelineJob,
+        scene: &InstancedScene,
+        observer: &mut dyn Observer,
+    ) -> Result<Trained, PipelineError> {
+        job.folder().create()?;
+        if !job.resume {
+            write_scene_file(&job.folder().initial_scene(), scene)?;
+        }
+        self.train(job, &job.out, Phase::Joint, observer)
     }
 
     /// Trains a phase of the run in the folder `run`.
