@@ -64,18 +64,18 @@ impl Desk {
 #[test]
 fn buttons_and_rows_ask_for_what_they_say() {
     for (text, want) in [
-        ("undo", BoxAction::Undo),
-        ("close", BoxAction::Leave),
-        ("find the rest (F)", BoxAction::Find),
-        ("other sizes too (O)", BoxAction::OtherSizes(true)),
-        ("x", BoxAction::Remove(2)),
+        ("Undo", BoxAction::Undo),
+        ("Close", BoxAction::Leave),
+        ("Find the rest (F)", BoxAction::Find),
+        ("Other sizes too (O)", BoxAction::OtherSizes(true)),
+        (icon::X, BoxAction::Remove(2)),
         ("2: no category, like 1", BoxAction::Choose(1)),
-        ("turn", BoxAction::Mode(GizmoMode::Turn)),
-        ("save", BoxAction::Save("x.boxes.json".into())),
+        ("Rotate", BoxAction::Mode(GizmoMode::Turn)),
+        ("Save", BoxAction::Save("x.boxes.json".into())),
     ] {
         assert_eq!(Desk::new().click(text), [want]);
     }
-    assert_eq!(Desk::new().click("redo"), [], "nothing to do again");
+    assert_eq!(Desk::new().click("Redo"), [], "nothing to do again");
     let mut searching = Desk { searched: Some(0.3), ..Desk::new() };
     searching.pictures(vec![Vec::new(); 2]);
     assert_eq!(searching.click("cancel"), [BoxAction::CancelSearch]);

@@ -14,6 +14,7 @@ use crate::clock::FrameClock;
 use crate::controls::Controls;
 use crate::error::PlayerError;
 use crate::navigation::Navigator;
+use crate::panel_texts::PanelText;
 use crate::recording::Recording;
 use crate::resolution::Resolution;
 use crate::scene_viewer::{PixelTimes, SceneViewer};
@@ -216,8 +217,17 @@ impl Pacing {
 }
 
 /// The script that is played back.
+#[derive(Default)]
 pub(super) struct Playback {
     pub(super) script: VecDeque<Step>,
     /// Frames that the first step of the script has waited for.
     pub(super) waited: u32,
+    /// The texts of the panels in the last frame, while a script is played.
+    pub(super) texts: Vec<PanelText>,
+    /// Where the widget that the script looks for was in the last frame, interface points.
+    pub(super) sought: Option<egui::Pos2>,
+    /// True while a file that was read waits for the script to go on.
+    pub(super) holds_file: bool,
+    /// Where the next frame is saved with the overlay.
+    pub(super) screen: Option<PathBuf>,
 }
