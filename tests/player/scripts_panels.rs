@@ -50,32 +50,29 @@ fn everything_is_undone_and_saved_at_every_size() {
 /// code, and its picture can be looked at: INSTGS_PANEL_PICTURES=DIR keeps them.
 fn script_in_panels(again: &Path, edited: &Path) -> String {
     let search = format!("{} Search", egui_phosphor::regular::MAGNIFYING_GLASS);
+    // On a small window the panel of the selection is scrolled; the pointer is on it.
+    let down = "wheel -50\n frames 12";
+    let section = |title: &str| format!("over Edit the template\n {down}\n tap {title}\n {down}");
+    let save_as = |path: &Path| format!("key ctrl+shift+KeyS\n frames 2\n type {}\n frames 1", path.display());
     let all = [
-        "key F2\n tap chair (3) -1\n tap chair 7\n screen 01_select.png",
-        "tap chair (3) +3\n type stool\n screen 02_rename.png\n enter\n tap stool 11 +1\n screen 03_hide.png",
-        &format!(
-            "tap stool 3 +2\n screen 04_lock.png\n tap {search}\n type 7\n frames 1\n screen 05_search.png\n type\n key F2"
-        ),
-        "tap Position +1\n type 0.75\n enter\n screen 06_move.png",
-        "tap Duplicate\n screen 07_duplicate.png",
-        "tap Scatter copies\n wheel -50\n frames 12\n tap Preview\n frames 1\n screen 08_preview.png\n tap Apply\n screen 09_scatter.png",
-        "wheel 50\n frames 12\n tap Scatter copies\n key F2\n tap stool 7\n key F2",
-        "tap Template and own Gaussians\n wheel -50\n frames 12\n tap Make unique\n screen 10_unique.png",
-        "wheel 50\n frames 12\n tap Template and own Gaussians\n tap Edit the template\n wheel -50\n frames 12\n tap Crop with a box",
-        "wheel -50\n frames 12\n tap X to -1\n type 0.05\n enter\n screen 11_crop.png\n tap Apply",
-        &format!(
-            "key KeyK\n frames 2\n screen 12_compare.png\n key KeyK\n key ctrl+shift+KeyS\n type {}",
-            edited.display()
-        ),
-        "screen 13_save_as.png\n enter\n frames 2\n key Escape\n key F6\n frames 1\n screen 14_history.png",
-        &"tap Undo\n".repeat(8),
-        "frames 1\n screen 15_undone.png\n key F6",
-        &format!("key ctrl+shift+KeyS\n type {}\n enter\n frames 2", again.display()),
-        &format!(
-            "key ctrl+KeyO\n frames 1\n screen 16_open.png\n type {}\n enter\n opened\n frames 2",
-            again.display()
-        ),
-        "screen 17_reopened.png\n quit\n",
+        "key F2\n tap chair (3) -1\n tap chair 7\n screen 01_select.png".into(),
+        "tap chair (3) +3\n type stool\n frames 1\n screen 02_rename.png\n enter\n tap stool 11 +1\n screen 03_hide.png".into(),
+        "tap stool 3 +2\n screen 04_lock.png".into(),
+        format!("tap {search}\n type 7\n frames 1\n screen 05_search.png\n type\n key F2"),
+        "tap Position +1\n type 0.75\n enter\n screen 06_move.png\n tap Duplicate\n screen 07_duplicate.png".into(),
+        format!("{down}\n tap Scatter copies\n {down}\n tap Preview\n frames 1\n screen 08_preview.png"),
+        "tap Apply\n screen 09_scatter.png\n tap Scatter copies\n key F2\n tap stool 7\n key F2".into(),
+        section("Template and own Gaussians"),
+        "tap Make unique\n screen 10_unique.png\n tap Template and own Gaussians".into(),
+        section("Edit the template"),
+        format!("tap Crop with a box\n {down}\n tap X to -1\n type 0.05\n enter\n screen 11_crop.png\n tap Apply"),
+        "key KeyK\n frames 2\n screen 12_compare.png\n key KeyK".into(),
+        format!("{}\n screen 13_save_as.png\n enter\n frames 2", save_as(edited)),
+        "key F6\n frames 1\n screen 14_history.png".into(),
+        "tap Undo\n".repeat(8),
+        "frames 1\n screen 15_undone.png\n key F6".into(),
+        format!("{}\n enter\n frames 2\n key ctrl+KeyO\n frames 2\n screen 16_open.png", save_as(again)),
+        format!("type {}\n frames 1\n enter\n opened\n frames 2\n screen 17_reopened.png\n quit\n", again.display()),
     ];
     all.join("\n")
 }

@@ -357,7 +357,8 @@ impl Live {
 
     /// Lays out the overlay of the next frame; the flag is true while it is animated.
     fn lay_out(&mut self) -> Result<(UiFrame, bool), PlayerError> {
-        let input = self.screen.ui.take_egui_input(&self.screen.window);
+        let mut input = self.screen.ui.take_egui_input(&self.screen.window);
+        input.time = self.playback.time_of(input.time);
         let mut present = self.screen.swapchain.mode();
         let ctx = self.screen.ui.egui_ctx().clone();
         let (gizmo, hot, brush_px) = (self.gizmo(), self.input.editing.hot(), self.brush_px());

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// language of scripts.
 const OTHER: [&str; 5] = ["texts.rs", "program.rs", "main.rs", "error.rs", "script.rs"];
 /// What stands before a literal that nobody reads: ids of widgets, endings and names of files, parts of other texts' errors.
-const BEFORE: [&str; 19] = [
+const BEFORE: [&str; 23] = [
     "with(",
     "Grid::new(",
     "Id::new(",
@@ -26,9 +26,13 @@ const BEFORE: [&str; 19] = [
     "last_pass: ",
     "what: ",
     "kernel: ",
+    "file_of_user(",
+    "let feature = ",
+    "for_readback(&self.gpu, ",
+    "PlayerError::Script(format!(",
 ];
 /// Further literals that nobody reads, or that are names everywhere.
-const NAMES: [&str; 37] = [
+const NAMES: [&str; 34] = [
     "instgs",
     "ply",
     "spz",
@@ -57,15 +61,12 @@ const NAMES: [&str; 37] = [
     "yuv420p",
     "pad=ceil(iw/2)*2:ceil(ih/2)*2",
     "too few pixels",
-    "pictures in windows of this display",
     "a script's lose",
     "user interface",
-    "ffmpeg: ",
     "failed",
     "ffmpeg: {error}",
     "ffmpeg: {}",
     "{:05}.png",
-    "X11",
 ];
 
 /// The literals of a program's text with what stands before each on its line; without comments, attributes and tests.

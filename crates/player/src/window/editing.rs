@@ -97,15 +97,14 @@ impl Live {
 
     /// The pointer moved, maybe over the overlay; true if that changes what is drawn.
     pub(super) fn hover(&mut self, over_interface: bool) -> bool {
+        let at = self.input.controls.pointer_px();
+        if self.split.as_mut().is_some_and(|split| split.follow(at)) {
+            return true;
+        }
         if self.input.boxing.on {
             return self.box_hover(over_interface);
         }
-        let (at, has_brush) = (self.input.controls.pointer_px(), self.has_brush());
-        if let Some(split) = &mut self.split
-            && split.follow(at)
-        {
-            return true;
-        }
+        let has_brush = self.has_brush();
         match &mut self.input.editing.grip {
             Some(Grip::Handle(_)) => return true,
             Some(Grip::Brush(stroke)) => {

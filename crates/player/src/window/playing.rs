@@ -109,9 +109,10 @@ impl Live {
         match step {
             Step::Tap(target) | Step::Over(target) => self.seek(step, target)?,
             Step::Type(text) => {
-                let all = key_of_panel(egui::Key::A, egui::Modifiers::COMMAND);
                 let events = &mut self.screen.ui.egui_input_mut().events;
-                events.extend(all.into_iter().chain([egui::Event::Text(text.clone())]));
+                events.extend(key_of_panel(egui::Key::A, egui::Modifiers::COMMAND));
+                events.extend(key_of_panel(egui::Key::Backspace, egui::Modifiers::NONE));
+                events.push(egui::Event::Text(text.clone()));
             }
             Step::Enter => {
                 let enter = key_of_panel(egui::Key::Enter, egui::Modifiers::NONE);
