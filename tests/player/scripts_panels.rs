@@ -36,7 +36,7 @@ fn everything_is_undone_and_saved_at_every_size() {
              key ctrl+KeyS\n frames 2\n shot edited.png\n key ctrl+KeyZ\n key ctrl+KeyZ\n key ctrl+KeyZ\n key ctrl+KeyZ\n \
              key ctrl+KeyZ\n key ctrl+KeyZ\n key ctrl+KeyZ\n key Escape\n frames 1\n shot undone.png\n key ctrl+KeyS\n quit\n"
         );
-        play(&display, &file, size, per_point, &script);
+        play(&display, &file, (size, per_point), &script);
         let pixels = |name: &str| image::open(folder.path().join(name)).unwrap().to_rgb8().into_raw();
         let name = format!("{size:?} at {per_point}");
         assert!(pixels("locked.png") == pixels("start.png"), "{name}: what is locked is neither selected nor moved");
@@ -51,7 +51,7 @@ fn everything_is_undone_and_saved_at_every_size() {
 fn script_in_panels(again: &Path, edited: &Path) -> String {
     let search = format!("{} Search", egui_phosphor::regular::MAGNIFYING_GLASS);
     // On a small window the panel of the selection is scrolled; the pointer is on it.
-    let down = "wheel -50\n frames 12";
+    let down = "wheel -50\n frames 3";
     let section = |title: &str| format!("over Edit the template\n {down}\n tap {title}\n {down}");
     let save_as = |path: &Path| format!("key ctrl+shift+KeyS\n frames 2\n type {}\n frames 1", path.display());
     let all = [
@@ -88,7 +88,7 @@ fn everything_is_done_in_the_panels_at_every_size() {
         let [file, again, edited] =
             ["scene", "again", "edited"].map(|name| folder.path().join(name).with_extension("instgs"));
         save_scene(&file, &chairs()).unwrap();
-        play(&display, &file, size, per_point, &script_in_panels(&again, &edited));
+        play(&display, &file, (size, per_point), &script_in_panels(&again, &edited));
         if let Some(pictures) = &pictures {
             let to = pictures.join(format!("{}x{}_{per_point}", size[0], size[1]));
             std::fs::create_dir_all(&to).unwrap();
@@ -135,12 +135,12 @@ fn load_scene_of(scene: &instgs_vk::scene::InstancedScene) -> instgs_vk::scene::
     load_scene(&file).unwrap().scene
 }
 
-fn play(display: &VirtualDisplay, file: &Path, [width, height]: [u32; 2], per_point: u32, script: &str) {
+fn play(display: &VirtualDisplay, file: &Path, ([width, height], per_point): ([u32; 2], u32), script: &str) {
     let path = file.with_file_name("script.txt");
     std::fs::write(&path, script).unwrap();
     let mut player = player();
     player.env("WINIT_X11_SCALE_FACTOR", per_point.to_string()).env("DISPLAY", &display.1).arg(file);
     player.arg("--size").arg(format!("{width}x{height}")).arg("--script").arg(&path);
-    let output = player.timeout(std::time::Duration::from_secs(300)).output().unwrap();
+    let output = player.timeout(std::time::Duration::from_secs(900)).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }

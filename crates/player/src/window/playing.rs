@@ -37,11 +37,7 @@ impl Live {
                     self.playback.script.push_front(step);
                 }
             }
-            Step::Pointer([x, y]) => {
-                let position = PhysicalPosition::new(x, y);
-                let device_id = DeviceId::dummy();
-                self.event(&WindowEvent::CursorMoved { device_id, position })?;
-            }
+            Step::Pointer(at_px) => self.play_pointer(at_px)?,
             Step::Button(button, down) => self.play_button(button, down)?,
             Step::DoubleClick => {
                 for down in [true, false, true, false] {
@@ -139,13 +135,19 @@ impl Live {
             return Err(PlayerError::Script(format!("there is no {text:?} {along:+} among {there:?}")));
         };
         (self.playback.waited, self.playback.sought) = (0, None);
-        let [x, y] = [place.x, place.y].map(|v| f64::from(v) * self.screen.per_point());
-        let steps = match step {
-            Step::Tap(_) => vec![Step::Button(Button::Left, true), Step::Button(Button::Left, false), Step::Wait],
-            _ => Vec::new(),
-        };
-        steps.into_iter().rev().for_each(|step| self.playback.script.push_front(step));
-        self.playback.script.push_front(Step::Pointer([x, y]));
+        let at_px = [place.x, place.y].map(|v| f64::from(v) * self.screen.per_point());
+        self.play_pointer(at_px)?;
+        if let Step::Tap(_) = step {
+            self.play_button(Button::Left, true)?;
+            self.playback.script.push_front(Step::Wait);
+            self.playback.script.push_front(Step::Button(Button::Left, false));
+        }
+        Ok(())
+    }
+
+    fn play_pointer(&mut self, [x, y]: [f64; 2]) -> Result<(), PlayerError> {
+        let (device_id, position) = (DeviceId::dummy(), PhysicalPosition::new(x, y));
+        self.event(&WindowEvent::CursorMoved { device_id, position })?;
         Ok(())
     }
 
