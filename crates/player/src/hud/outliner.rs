@@ -273,6 +273,7 @@ mod tests {
     /// Prints what a frame of the panel takes, with the list of the last frame and with a new one in each.
     #[test]
     #[ignore = "a measurement; docs/measurements.md has the figures"]
+    #[allow(clippy::print_stdout, reason = "what was measured, with --nocapture")]
     fn frames_of_ten_thousand_instances() {
         for anew in [true, false] {
             let (scene, mut list) = many(10_000);

@@ -223,7 +223,7 @@ impl Live {
     fn encode(&mut self, folder: &Path, count: usize) {
         let known = Command::new("ffmpeg").arg("-version").stdout(Stdio::null()).stderr(Stdio::null()).status();
         if !known.is_ok_and(|status| status.success()) {
-            let text = texts::no_ffmpeg(count, &folder);
+            let text = texts::no_ffmpeg(count, folder);
             return self.hud.message = Some(text);
         }
         let (sender, done) = channel();
