@@ -106,7 +106,8 @@ pub(crate) fn one(ui: &mut Ui, label: &str, value: DragValue<'_>) -> bool {
 /// Euler angles in degrees: rotations about x, y and z, each in the frame rotated by those before it.
 fn euler_degrees(place: &Similarity) -> [f64; 3] {
     let (x, y, z) = DQuat::from_mat3(&place.rotation()).to_euler(EulerRot::XYZ);
-    [x, y, z].map(f64::to_degrees)
+    // A rounding error of f32 would show as "-0.0".
+    [x, y, z].map(|angle| (1e6 * angle.to_degrees()).round() / 1e6 + 0.0)
 }
 
 /// The rotation from a pose's present angles to the given ones.
