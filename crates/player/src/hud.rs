@@ -263,6 +263,8 @@ fn panel(ctx: &Context, title: &str, place: Place, open: &mut bool, contents: im
         .pivot(place.pivot)
         .default_pos(place.at)
         .default_width(WIDTH)
+        // Else egui scrolls what is higher than its own default, however high the window is.
+        .default_height(place.height)
         .constrain_to(below_the_bar(ctx))
         .resizable(false)
         .show(ctx, |ui| {

@@ -137,6 +137,25 @@ fn nothing_is_cut_off() {
     assert_ne!(texts(&shapes_of(Panel::Help, size)), texts(&shapes_of(Panel::Help, endless(size))));
 }
 
+/// A long panel uses the height that the window has.
+#[test]
+fn a_panel_scrolls_only_what_the_window_has_no_room_for() {
+    for (height, fits) in [(720.0, true), (360.0, false)] {
+        let (ctx, mut shapes) = (Context::default(), Vec::new());
+        for k in 0..6 {
+            let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, vec2(1280.0, height)));
+            let input = egui::RawInput { screen_rect, time: Some(0.5 * f64::from(k)), ..egui::RawInput::default() };
+            let output = ctx.run(input, |ctx| {
+                panel(ctx, texts::VIEW, Place::of(ctx, Align2::RIGHT_TOP), &mut true, |ui| {
+                    (0..30).for_each(|line| drop(ui.label(line.to_string())));
+                });
+            });
+            shapes = output.shapes;
+        }
+        assert_eq!(texts(&shapes).contains(&"29".to_owned()), fits, "{height}");
+    }
+}
+
 /// On a screen of twice the pixels, 1280x720 are 640x360 points: panels stay inside the window, and their rest is scrolled.
 #[test]
 fn panels_stay_inside_small_windows() {
