@@ -322,7 +322,7 @@ mod tests {
         let hue = |k: u32| {
             [0.0, 4.0, 2.0].map(|at| ((f64::from(k) / 3.5 + at) % 6.0 - 3.0).abs() - 1.0).map(|v| v.clamp(0.0, 1.0))
         };
-        let hues: Vec<[f64; 3]> = (0..21).map(|k| hue(k)).collect();
+        let hues: Vec<[f64; 3]> = (0..21).map(hue).collect();
         assert!(least_difference(&hues) < 2.0);
     }
 }
