@@ -54,10 +54,17 @@ const vec3 LINE_COLOR = vec3(1.0, 0.72, 0.0);
 const uint LINE_LEAST = 8, LINE_MOST = 17;  // of 25
 const vec3 BACKGROUND_GREY = vec3(0.2);
 
-// Consecutive numbers get hues far apart: steps of the golden angle around the colour circle.
+// The seven colours besides black that Okabe and Ito chose so that people with any colour vision tell them apart (Color Universal
+// Design, 2002, revised 2008: https://jfly.uni-koeln.de/color/); then the same darker, and lighter.
+const vec3 PALETTE[7] = vec3[](
+    vec3(230, 159, 0) / 255, vec3(86, 180, 233) / 255, vec3(0, 158, 115) / 255, vec3(240, 228, 66) / 255,
+    vec3(0, 114, 178) / 255, vec3(213, 94, 0) / 255, vec3(204, 121, 167) / 255);
+const float DARKER = 0.6, LIGHTER = 0.5;
+
 vec3 color_of(uint number) {
-    float turn = fract(float(number) * 0.618034);
-    return 0.15 + 0.85 * clamp(abs(fract(turn + vec3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0, 0.0, 1.0);
+    vec3 color = PALETTE[number % 7];
+    uint round = number / 7 % 3;
+    return round == 0 ? color : round == 1 ? DARKER * color : mix(color, vec3(1.0), LIGHTER);
 }
 
 uint instance_at(uvec2 at) {

@@ -10,7 +10,9 @@
 mod common;
 
 mod crash;
+mod frame_times;
 mod scene_viewer;
 mod scripts;
+mod scripts_beside;
 mod scripts_boxes;
 mod scripts_panels;

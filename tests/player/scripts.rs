@@ -31,7 +31,7 @@ fn scene(folder: &Path) -> PathBuf {
     scene
 }
 
-fn pixels(path: &Path) -> (u32, u32, Vec<u8>) {
+pub(crate) fn pixels(path: &Path) -> (u32, u32, Vec<u8>) {
     let picture = image::open(path).unwrap().to_rgb8();
     (picture.width(), picture.height(), picture.into_raw())
 }
@@ -264,7 +264,7 @@ fn digits_choose_views() {
 }
 
 /// The last arrow that shows at a place: its axis, and where it ends.
-fn arrow_tip(centre: DVec3, camera: &Camera) -> (usize, [f64; 2]) {
+pub(crate) fn arrow_tip(centre: DVec3, camera: &Camera) -> (usize, [f64; 2]) {
     let gizmo = Gizmo::new(GizmoMode::Move, centre, camera).unwrap();
     let mut arrows = gizmo.lines().into_iter().filter_map(|line| match line.handle {
         Handle::Arrow(axis) => Some((axis, line.points_px[1])),

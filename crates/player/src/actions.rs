@@ -72,6 +72,8 @@ pub(super) enum Action {
     CancelWork,
     TogglePanel(Panel),
     Boxes,
+    /// Shows or hides the scene as it was opened beside the present one.
+    Split,
     Save,
     Open(PathBuf),
     /// Writes a file, in the format that its extension names.

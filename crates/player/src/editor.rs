@@ -34,6 +34,8 @@ pub struct Editor {
     unsaved: bool,
     /// Counts changes of the scene, undone and redone ones included.
     revision: u64,
+    /// Counts changes of which instances there are and how they are called, those of a drag included.
+    listing: u64,
 }
 
 /// What an undo step is called that changes nothing of the scene.
@@ -74,6 +76,24 @@ impl Editor {
     pub fn revision(&mut self) -> u64 {
         self.finish();
         self.revision
+    }
+
+    /// A number that changes whenever a list of the instances, their templates and names may have become wrong; moving instances
+    /// does not change it.
+    pub fn listing(&self) -> u64 {
+        self.listing
+    }
+
+    /// A copy of the scene as it was before the first change that can be undone: as it was opened, unless the oldest changes were
+    /// dropped. Completes a change in progress; nothing else changes.
+    pub fn first_state(&mut self, scene: &mut InstancedScene) -> InstancedScene {
+        self.finish();
+        let (unsaved, revision, steps) = (self.unsaved, self.revision, self.undo.len());
+        (0..steps).for_each(|_| drop(self.undo(scene)));
+        let first = scene.clone();
+        (0..steps).for_each(|_| drop(self.redo(scene)));
+        (self.unsaved, self.revision) = (unsaved, revision);
+        first
     }
 
     /// Marks the scene as saved if nothing was changed since a revision.
@@ -318,6 +338,7 @@ impl Editor {
         let outcome = apply(scene, edit)?;
         let parts = before.that_differ_from(scene);
         let changed = parts.changed(scene);
+        self.note_listing(&parts, &changed);
         let step = self.here(edit.name(), parts);
         if !outcome.removed.is_empty() {
             self.hidden = renumbered(&self.hidden, &outcome.removed);
@@ -352,6 +373,11 @@ impl Editor {
         self.revision += u64::from(changes);
     }
 
+    /// Records that lists of instances are out of date, if a change may have made them so.
+    fn note_listing(&mut self, parts: &Parts, changed: &Changed) {
+        self.listing += u64::from(parts.has_groups() || *changed == Changed::Everything);
+    }
+
     fn forget_oldest(&mut self, most_steps: usize, most_bytes: u64) {
         let mut bytes: u64 = self.undo.iter().map(|step| step.parts.bytes()).sum();
         let mut gone = 0;
@@ -372,6 +398,7 @@ impl Editor {
         } else {
             step.parts.changed(scene)
         };
+        self.note_listing(&step.parts, &changed);
         step.parts.exchange(scene);
         std::mem::swap(&mut step.chosen, &mut self.chosen);
         std::mem::swap(&mut step.hidden, &mut self.hidden);

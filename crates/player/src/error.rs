@@ -20,6 +20,9 @@ pub enum PlayerError {
     /// The window system failed.
     #[error("window: {0}; without a display, use --headless with --frames and --screenshot")]
     Window(String),
+    /// A script asked for something that is not there.
+    #[error("the script stops: {0}")]
+    Script(String),
     /// The player had to end and wrote unsaved work to files.
     #[error("{reason}; unsaved work: {files}")]
     Rescued {

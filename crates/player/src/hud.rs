@@ -73,6 +73,8 @@ pub(super) struct Facts<'a> {
     pub(super) work: Option<(String, Option<f32>)>,
     /// True while the tool for boxes is active.
     pub(super) boxes: bool,
+    /// True while the scene as it was opened is shown beside the present one.
+    pub(super) split: bool,
 }
 
 /// The settings that the overlay changes itself.
@@ -88,9 +90,11 @@ pub(super) struct Settings<'a> {
     pub(super) lod_error_px: &'a mut f32,
 }
 
-/// The panels that are open.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The panels that are open. Those that are only passed through are not remembered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(default)]
 pub(super) struct OpenPanels {
+    #[serde(skip)]
     pub(super) help: bool,
     pub(super) scene: bool,
     /// Shown only while something is selected, or if it was asked for without a selection.
@@ -99,7 +103,9 @@ pub(super) struct OpenPanels {
     pub(super) cameras: bool,
     pub(super) history: bool,
     pub(super) statistics: bool,
+    #[serde(skip)]
     pub(super) open: bool,
+    #[serde(skip)]
     pub(super) save_as: bool,
 }
 
@@ -257,6 +263,8 @@ fn panel(ctx: &Context, title: &str, place: Place, open: &mut bool, contents: im
         .pivot(place.pivot)
         .default_pos(place.at)
         .default_width(WIDTH)
+        // Else egui scrolls what is higher than its own default, however high the window is.
+        .default_height(place.height)
         .constrain_to(below_the_bar(ctx))
         .resizable(false)
         .show(ctx, |ui| {
@@ -269,19 +277,15 @@ fn panel(ctx: &Context, title: &str, place: Place, open: &mut bool, contents: im
 
 /// A number of bytes as people read it, with powers of 1000 as file managers have it: "4.8 MB".
 pub(super) fn readable(bytes: u64) -> String {
-    const UNITS: [&str; 4] = ["kB", "MB", "GB", "TB"];
-    if bytes < 1000 {
-        return format!("{bytes} B");
-    }
-    let mut value = bytes as f64 / 1000.0;
+    let mut value = bytes as f64;
     let mut unit = 0;
     // What would be shown as 1000 is 1 of the next unit.
-    while value >= 999.5 && unit + 1 < UNITS.len() {
+    while value >= 999.5 && unit + 1 < texts::BYTES.len() {
         value /= 1000.0;
         unit += 1;
     }
-    let decimals = usize::from(value < 99.95);
-    format!("{value:.decimals$} {}", UNITS[unit])
+    let decimals = usize::from(unit > 0 && value < 99.95);
+    format!("{value:.decimals$} {}", texts::BYTES[unit])
 }
 
 #[cfg(test)]

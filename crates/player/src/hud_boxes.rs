@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use egui::{Align2, Color32, Context, DragValue, Id, Pos2, Stroke, Ui};
+use egui_phosphor::regular as icon;
 use glam::{DQuat, DVec3};
 
 use super::box_handles::{BoxHandles, BoxPart, edges_px};
@@ -11,6 +12,7 @@ use super::boxes::{BoxList, Origin};
 use super::gizmo::GizmoMode;
 use super::hud_edit::{one, three};
 use super::hud_gizmo::{HOT, line, paint_lines};
+use super::texts;
 use instgs_vk::scene::{Camera, ObjectBox};
 
 /// Colour of drawn boxes; below, of found boxes.
@@ -81,7 +83,7 @@ impl BoxPanel {
             egui::Frame::popup(ui.style()).show(ui, |ui| ui.add(line));
         });
         let corner = ctx.content_rect().right_top() + egui::vec2(-8.0, 48.0);
-        egui::Window::new("Boxes").pivot(Align2::RIGHT_TOP).default_pos(corner).resizable(false).show(ctx, |ui| {
+        egui::Window::new(texts::BOXES).pivot(Align2::RIGHT_TOP).default_pos(corner).resizable(false).show(ctx, |ui| {
             self.contents(ui, facts, &mut actions);
         });
         let held = ctx.input(|input| input.pointer.any_down()) || ctx.memory(|memory| memory.focused().is_some());
@@ -95,12 +97,12 @@ impl BoxPanel {
     fn contents(&mut self, ui: &mut Ui, facts: &BoxFacts<'_>, actions: &mut Vec<BoxAction>) {
         let [undo, redo] = facts.list.steps();
         ui.horizontal(|ui| {
-            pushes(ui, undo > 0 || facts.list.is_live(), "undo", BoxAction::Undo, actions);
-            pushes(ui, redo > 0, "redo", BoxAction::Redo, actions);
-            pushes(ui, true, "close", BoxAction::Leave, actions);
+            pushes(ui, undo > 0 || facts.list.is_live(), texts::UNDO, BoxAction::Undo, actions);
+            pushes(ui, redo > 0, texts::REDO, BoxAction::Redo, actions);
+            pushes(ui, true, texts::CLOSE, BoxAction::Leave, actions);
         });
         if let Some(chosen) = facts.list.chosen_box() {
-            ui.strong(format!("box {}", chosen.object.id));
+            ui.strong(texts::box_of(chosen.object.id));
             self.numbers(ui, facts, &chosen.object, actions);
             handles(ui, facts.mode, actions);
         }
@@ -113,8 +115,7 @@ impl BoxPanel {
         }
         ui.horizontal(|ui| {
             ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(180.0));
-            let words = "for instgs-vk masks --boxes and train --boxes";
-            if ui.button("save").on_hover_text(words).clicked() {
+            if ui.button(texts::SAVE).on_hover_text(texts::SAVE_BOXES_TIP).clicked() {
                 actions.extend(self.file().map(BoxAction::Save));
             }
         });
@@ -124,8 +125,8 @@ impl BoxPanel {
     fn numbers(&mut self, ui: &mut Ui, facts: &BoxFacts<'_>, object: &ObjectBox, actions: &mut Vec<BoxAction>) {
         let mut category = object.category.clone().unwrap_or_default();
         let typed = ui.horizontal(|ui| {
-            ui.label("category");
-            let field = egui::TextEdit::singleline(&mut category).hint_text("car, chair ...").desired_width(120.0);
+            ui.label(texts::CATEGORY);
+            let field = egui::TextEdit::singleline(&mut category).hint_text(texts::CATEGORY_HINT).desired_width(120.0);
             ui.add(field).changed()
         });
         if typed.inner {
@@ -133,18 +134,18 @@ impl BoxPanel {
             self.change(ui.id().with("category"), ObjectBox { category, ..object.clone() }, actions);
         }
         let mut center = object.center.to_array();
-        if three(ui, "centre", &mut center, facts.step, "") {
+        if three(ui, texts::CENTRE, &mut center, facts.step, "") {
             let center = DVec3::from_array(center);
             self.change(ui.id().with("centre"), ObjectBox { center, ..object.clone() }, actions);
         }
         let mut size = object.size.to_array();
-        if three(ui, "size", &mut size, facts.step, "") {
+        if three(ui, texts::SIZE, &mut size, facts.step, "") {
             let size = DVec3::from_array(size).clamp(DVec3::splat(*EDGES.start()), DVec3::splat(*EDGES.end()));
             self.change(ui.id().with("size"), ObjectBox { size, ..object.clone() }, actions);
         }
         let mut degrees = yaw_degrees(object, facts.up);
         let before = degrees;
-        if one(ui, "turn", DragValue::new(&mut degrees).speed(DEGREES_PER_POINT).suffix("°")) {
+        if one(ui, texts::ROTATION, DragValue::new(&mut degrees).speed(DEGREES_PER_POINT).suffix(texts::DEGREES)) {
             let turn = DQuat::from_axis_angle(facts.up, (degrees - before).to_radians());
             let world_from_box = (turn * object.world_from_box).normalize();
             self.change(ui.id().with("turn"), ObjectBox { world_from_box, ..object.clone() }, actions);
@@ -174,29 +175,26 @@ impl BoxPanel {
 /// The hint for the user's next action.
 fn hint(facts: &BoxFacts<'_>) -> String {
     let [drawn, found] = facts.list.counts();
-    let counts = format!("{drawn} drawn, {found} found");
+    let counts = texts::box_counts(drawn, found);
     if facts.searched.is_some() {
-        let sizes = if facts.other_sizes { ", in other sizes too" } else { "" };
-        return format!("Searching for similar objects{sizes}; Esc stops the search.");
+        return if facts.other_sizes { texts::SEARCHING_SIZES } else { texts::SEARCHING }.into();
     }
     match (facts.list.chosen_box().map(|listed| listed.origin), found) {
-        (None, 0) if drawn == 0 => "Click an object to draw a box around it.  (B closes this tool)".into(),
-        (None, _) => format!("{counts}. Click an object or a box; Shift+click removes a box; Ctrl+S saves."),
-        (Some(Origin::Drawn), 0) => {
-            "Drag the dots until the box fits; M moves it, T rotates it. Then F finds all similar objects.".into()
-        }
-        (Some(_), _) => format!("{counts}. Shift+click or Delete removes a wrong box; Ctrl+S saves; F searches again."),
+        (None, 0) if drawn == 0 => texts::HINT_NO_BOX.into(),
+        (None, _) => format!("{counts}. {}", texts::HINT_BOXES),
+        (Some(Origin::Drawn), 0) => texts::HINT_DRAWN.into(),
+        (Some(_), _) => format!("{counts}. {}", texts::HINT_FOUND),
     }
 }
 
 fn handles(ui: &mut Ui, mode: GizmoMode, actions: &mut Vec<BoxAction>) {
     ui.horizontal(|ui| {
-        ui.label("handles");
+        ui.label(texts::HANDLES);
         for (label, wanted) in [
-            ("move", GizmoMode::Move),
-            ("turn", GizmoMode::Turn),
-            ("scale", GizmoMode::Scale),
-            ("dots only", GizmoMode::Off),
+            (texts::MOVE, GizmoMode::Move),
+            (texts::ROTATE, GizmoMode::Turn),
+            (texts::SCALE, GizmoMode::Scale),
+            (texts::DOTS_ONLY, GizmoMode::Off),
         ] {
             if ui.selectable_label(mode == wanted, label).clicked() {
                 actions.push(BoxAction::Mode(wanted));
@@ -210,14 +208,13 @@ fn search(ui: &mut Ui, facts: &BoxFacts<'_>, actions: &mut Vec<BoxAction>) {
     ui.horizontal(|ui| match facts.searched {
         Some(part) => {
             ui.add(egui::ProgressBar::new(part).desired_width(140.0).show_percentage());
-            pushes(ui, true, "cancel", BoxAction::CancelSearch, actions);
+            pushes(ui, true, texts::CANCEL, BoxAction::CancelSearch, actions);
         }
-        None => pushes(ui, facts.list.chosen().is_some(), "find the rest (F)", BoxAction::Find, actions),
+        None => pushes(ui, facts.list.chosen().is_some(), texts::FIND_REST, BoxAction::Find, actions),
     });
     let mut other_sizes = facts.other_sizes;
-    let switch = egui::Checkbox::new(&mut other_sizes, "other sizes too (O)");
-    let words = "half to twice the size; searches take longer";
-    if ui.add_enabled(facts.searched.is_none(), switch).on_hover_text(words).changed() {
+    let switch = egui::Checkbox::new(&mut other_sizes, texts::OTHER_SIZES);
+    if ui.add_enabled(facts.searched.is_none(), switch).on_hover_text(texts::OTHER_SIZES_TIP).changed() {
         actions.push(BoxAction::OtherSizes(other_sizes));
     }
 }
@@ -225,20 +222,19 @@ fn search(ui: &mut Ui, facts: &BoxFacts<'_>, actions: &mut Vec<BoxAction>) {
 /// One row per box: a click selects it, the cross removes it.
 fn rows(ui: &mut Ui, list: &BoxList, actions: &mut Vec<BoxAction>) {
     let [drawn, found] = list.counts();
-    ui.label(format!("{drawn} drawn, {found} found"));
+    ui.label(texts::box_counts(drawn, found));
     egui::ScrollArea::vertical().max_height(LIST_HEIGHT).auto_shrink([false, true]).show(ui, |ui| {
         for (k, listed) in list.boxes().iter().enumerate() {
             ui.horizontal(|ui| {
-                if ui.small_button("x").on_hover_text("remove this box").clicked() {
+                if ui.small_button(icon::X).on_hover_text(texts::REMOVE_BOX_TIP).clicked() {
                     actions.push(BoxAction::Remove(k));
                 }
-                let from = match listed.origin {
-                    Origin::Drawn => String::new(),
-                    Origin::LikeBox(id) => format!(", like {id}"),
+                let like = match listed.origin {
+                    Origin::Drawn => None,
+                    Origin::LikeBox(id) => Some(id),
                 };
-                let category = listed.object.category.as_deref().unwrap_or("no category");
-                let words = egui::RichText::new(format!("{}: {category}{from}", listed.object.id));
-                let words = words.color(colour_of(listed.origin));
+                let words = texts::box_row(listed.object.id, listed.object.category.as_deref(), like);
+                let words = egui::RichText::new(words).color(colour_of(listed.origin));
                 if ui.selectable_label(list.chosen() == Some(k), words).clicked() {
                     actions.push(BoxAction::Choose(k));
                 }

@@ -142,7 +142,7 @@ impl EditPanel {
                 self.place_of_one(ui, facts, *one, actions);
             }
             several => {
-                ui.strong(format!("{} instances", several.len()));
+                ui.strong(texts::instances(several.len()));
                 self.of_chosen(ui, facts, actions);
                 self.place_of_several(ui, facts, actions);
             }
@@ -221,13 +221,10 @@ fn name(ui: &mut Ui, facts: &EditFacts<'_>, k: usize) {
     let scene = facts.scene;
     let template = scene.instances[k].template;
     let label = scene.instance_labels()[k];
-    let group = label.group.and_then(|g| scene.groups[g].name.clone()).unwrap_or_else(|| "none".into());
-    let id = label.id.map_or_else(String::new, |id| format!(", id {id}"));
-    ui.strong(format!("instance {k}{id}"));
+    let group = label.group.and_then(|g| scene.groups[g].name.as_deref());
+    ui.strong(texts::instance(k, label.id));
     let count = scene.template_ranges[template as usize].count;
-    let own = scene.own_range(k).count;
-    let own = if own > 0 { format!(", {own} of its own") } else { String::new() };
-    ui.label(format!("template {template} ({count} Gaussians{own}), group {group}"));
+    ui.label(texts::template_and_group(template, count, scene.own_range(k).count, group));
 }
 
 /// The instances that a change of colour applies to.

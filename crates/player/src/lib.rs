@@ -9,16 +9,17 @@
 //!   editor.rs           selection, edits, undo history             (pure; scene::edit); steps.rs undo steps
 //!   gizmo.rs            arrows, rings and circle on the selection  (pure)
 //!   window/boxing.rs    boxes around objects: clicks, drags, the search for similar objects, files
+//!   window/split.rs     the scene as it was opened beside the present one
 //!   boxes.rs            the list of boxes, its undo history        (pure)
 //!   box_handles.rs      the handles and edges of a box             (pure)
 //!   search.rs           the search for similar objects, on a thread of its own
-//!   window/work.rs      work beside the picture: files, frames, videos; recent.rs recent files
+//!   window/work.rs      work beside the picture: files, frames, videos; remembered.rs recent files, settings
 //!   hud.rs              tool bar and panels (egui), a file each in hud/; hud_edit.rs and hud_boxes.rs the panels of the
 //!                       selection and of boxes, hud_gizmo.rs handles; texts.rs their texts, actions.rs what they ask for
 //!   views.rs            the views: colours, depth, instances ...   (egui)
 //!   resolution.rs       lower resolution while the view changes    (pure)
 //!   recording.rs        a recorded camera path                     (pure)
-//!   script.rs           user input from a text file
+//!   script.rs           user input from a text file; panel_texts.rs finds widgets by their texts
 //! scene_viewer.rs        scene on the device, render passes, kernel `present`
 //!   -> swapchain.rs     copy into the window's image, overlay on top, present
 //! headless.rs           the same frames without a window
@@ -41,9 +42,10 @@ mod hud_boxes;
 mod hud_edit;
 mod hud_gizmo;
 pub mod navigation;
+pub mod panel_texts;
 pub mod program;
-mod recent;
 pub mod recording;
+mod remembered;
 pub mod resolution;
 pub mod scene_viewer;
 pub mod script;

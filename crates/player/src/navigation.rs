@@ -188,11 +188,24 @@ impl Navigator {
     /// Moves closer by `steps` of the wheel (negative: away); the point under the pointer at the target's depth stays
     /// there.
     pub fn zoom(&mut self, steps: f64, pointer_px: [f64; 2], size_px: [u32; 2]) {
+        self.approach(ZOOM_PER_STEP.powf(steps), pointer_px, size_px);
+    }
+
+    /// Moves closer after two fingers have spread by a part `by` of their distance (negative: away): things at the target's
+    /// depth grow as much, and the point under the pointer stays there. What is no number is ignored.
+    pub fn pinch(&mut self, by: f64, pointer_px: [f64; 2], size_px: [u32; 2]) {
+        if by.is_finite() {
+            self.approach(1.0 / (1.0 + by.max(-0.9)), pointer_px, size_px);
+        }
+    }
+
+    /// Multiplies the distance to the target by a factor; the point under the pointer at the target's depth stays there.
+    fn approach(&mut self, factor: f64, pointer_px: [f64; 2], size_px: [u32; 2]) {
         let camera = self.camera(size_px);
         let ray = [(pointer_px[0] - camera.cx) / camera.fx, (pointer_px[1] - camera.cy) / camera.fy];
         let under = self.eye + self.distance * (self.world_from_view * DVec3::new(ray[0], ray[1], 1.0));
         // Below 1e-6 of the scene's size, f32 positions on the device cannot be told apart.
-        let factor = ZOOM_PER_STEP.powf(steps).clamp(1e-6 * self.unit / self.distance, 1e6 * self.unit / self.distance);
+        let factor = factor.clamp(1e-6 * self.unit / self.distance, 1e6 * self.unit / self.distance);
         self.eye = under + (self.eye - under) * factor;
         self.distance *= factor;
     }
@@ -312,6 +325,22 @@ mod tests {
             n.camera(SIZE).validate().unwrap();
             assert!(n.distance() > 0.0 && n.distance().is_finite());
         }
+    }
+
+    #[test]
+    fn fingers_that_spread_make_things_as_much_larger() {
+        let mut n = navigator();
+        let target = n.target();
+        n.pan([30.0, -12.0], f64::from(SIZE[1]));
+        n.pinch(0.25, n.camera(SIZE).pixel_of(target).unwrap(), SIZE);
+        assert!((n.distance() - 4.0 / 1.25).abs() < 1e-9);
+        let [x, y] = n.camera(SIZE).pixel_of(target).unwrap();
+        assert!((x - 190.0).abs() < 1e-9 && (y - 78.0).abs() < 1e-9, "{x} {y}");
+        let here = n.clone();
+        n.pinch(f64::NAN, [0.0; 2], SIZE);
+        assert_eq!(n, here);
+        n.pinch(-5.0, [0.0; 2], SIZE);
+        assert!(n.distance() > here.distance() && n.distance().is_finite());
     }
 
     #[test]

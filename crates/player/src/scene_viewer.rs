@@ -19,6 +19,7 @@ use instgs_vk::scene::{Camera, Instance, InstancedScene};
 
 use super::editor::{Changed, Editor};
 use super::error::{ChangeError, PlayerError};
+use super::texts;
 
 /// How frames are rendered.
 #[derive(Clone, Copy, Debug, Default)]
@@ -251,15 +252,15 @@ impl SceneViewer {
         if self.options.render.lod_error_px > 0.0 {
             self.options.render.lod_error_px = 0.0;
             self.upload()?;
-            return Ok(Some("levels of detail are off"));
+            return Ok(Some(texts::NO_LEVELS));
         }
         if self.options.show.needs_surfaces() || self.options.show.marks().is_some() {
             self.options.show = Show::Color;
-            return Ok(Some("the view is back to colours"));
+            return Ok(Some(texts::BACK_TO_COLOURS));
         }
         if !self.editor.chosen().is_empty() {
             self.editor.click(None, false);
-            return Ok(Some("the selection was cleared"));
+            return Ok(Some(texts::SELECTION_CLEARED));
         }
         Ok(None)
     }
@@ -332,6 +333,16 @@ impl SceneViewer {
         };
         self.presenter.record(recorder, show, picture, shown_px, blue_first)?;
         Ok((recorder, self.presenter.pixels()))
+    }
+
+    /// A copy of the scene as it was opened; see [`Editor::first_state`].
+    pub fn first_state(&mut self) -> InstancedScene {
+        self.editor.first_state(&mut self.scene)
+    }
+
+    /// The pixels that were recorded last.
+    pub fn pixels(&self) -> &Buffer<u32> {
+        self.presenter.pixels()
     }
 
     /// Device times of the pixels of an earlier frame.

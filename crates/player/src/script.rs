@@ -12,12 +12,22 @@
 //! key ctrl+shift+KeyZ   a key with its modifiers, by its place on a US keyboard; flight keys are only tapped
 //! hold KeyW 12          a key is held for 12 frames
 //! frames 5              5 frames without any input
+//! tap Scatter copies    clicks the widget with this text in the panels
+//! tap chair 7 +2        clicks the widget that is the second to the right of this text; -1 to the left
+//! over Scene            moves the pointer onto the widget
+//! type 2.5              replaces the text of the field that has the focus
+//! enter                 confirms the field
+//! pinch 0.25            two fingers on a touchpad spread by a quarter
+//! pan 40 -8             two fingers on a touchpad move; window pixels
 //! shot a.png            saves the frame without the overlay; paths are relative to the script
+//! screen a.png          saves the next frame with the overlay
 //! counts a.json         saves the number of submissions and host waits so far
 //! found                 waits until a search for boxes has ended
 //! boxes a.json          saves the boxes to a file
 //! lose                  simulates a lost device: the following frames are drawn on a reopened one
-//! drop a.ply            a file is dropped on the window
+//! drop a.ply            a file is dropped on the window, and read
+//! begin a.ply           a file is dropped on the window, and the next steps are played while it is read
+//! opened                waits until the file is open
 //! close                 the window's close button, which asks if something is not saved
 //! quit                  closes the window
 //! # and the rest of a line is a comment
@@ -32,6 +42,7 @@ use serde::de::value::{Error, StrDeserializer};
 use winit::keyboard::KeyCode;
 
 use super::controls::Button;
+use super::panel_texts::Target;
 
 /// Frames of a drag from start to end.
 const DRAG_STEPS: u32 = 8;
@@ -49,6 +60,18 @@ pub enum Step {
     DoubleClick,
     /// Turns the wheel by a number of steps.
     Wheel(f64),
+    /// Clicks a widget of the panels.
+    Tap(Target),
+    /// Moves the pointer onto a widget of the panels.
+    Over(Target),
+    /// Replaces the text of the field that has the focus.
+    Type(String),
+    /// Confirms the field that has the focus.
+    Enter,
+    /// Two fingers on a touchpad spread by a part of their distance (negative: close).
+    Pinch(f64),
+    /// Two fingers on a touchpad move; window pixels.
+    Pan([f64; 2]),
     /// Presses and releases a key.
     Key {
         /// The key, by its place on a US keyboard.
@@ -64,6 +87,8 @@ pub enum Step {
     Wait,
     /// Saves the frame to a PNG file.
     Shot(PathBuf),
+    /// Saves the next frame with the overlay to a PNG file.
+    Screen(PathBuf),
     /// Saves the number of submissions and host waits so far to a JSON file.
     Counts(PathBuf),
     /// Draws frames until the search has ended.
@@ -74,6 +99,10 @@ pub enum Step {
     Lose,
     /// Drops a file on the window.
     Drop(PathBuf),
+    /// Drops a file on the window; the scene is not shown before [`Step::Opened`].
+    Begin(PathBuf),
+    /// Draws frames until the file that is being read is open.
+    Opened,
     /// Presses the window's close button.
     Close,
     /// Closes the window without asking.
@@ -146,6 +175,12 @@ fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, Script
             drag(button_of(button)?, [number(x0)?, number(y0)?], [number(x1)?, number(y1)?])
         }
         ("wheel", [steps]) => vec![Step::Wheel(number(steps)?)],
+        ("tap", [_, ..]) => vec![Step::Tap(target(rest)?)],
+        ("over", [_, ..]) => vec![Step::Over(target(rest)?)],
+        ("type", _) => vec![Step::Type(rest.join(" "))],
+        ("enter", []) => vec![Step::Enter],
+        ("pinch", [by]) => vec![Step::Pinch(number(by)?)],
+        ("pan", [x, y]) => vec![Step::Pan([number(x)?, number(y)?])],
         ("key", [keys]) => vec![key(keys)?],
         ("hold", [code, pictures]) => {
             let code = key_code(code)?;
@@ -156,15 +191,28 @@ fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, Script
         }
         ("frames", [pictures]) => vec![Step::Wait; count(pictures)?],
         ("shot", [path]) => vec![Step::Shot(folder.join(path))],
+        ("screen", [path]) => vec![Step::Screen(folder.join(path))],
         ("counts", [path]) => vec![Step::Counts(folder.join(path))],
         ("found", []) => vec![Step::Found],
         ("boxes", [path]) => vec![Step::Boxes(folder.join(path))],
         ("lose", []) => vec![Step::Lose],
-        ("drop", [path]) => vec![Step::Drop(folder.join(path))],
+        ("drop", [path]) => vec![Step::Drop(folder.join(path)), Step::Opened],
+        ("begin", [path]) => vec![Step::Begin(folder.join(path))],
+        ("opened", []) => vec![Step::Opened],
         ("close", []) => vec![Step::Close],
         ("quit", []) => vec![Step::Quit],
         _ => return Err(ScriptReason::Step([&[what], rest].concat().join(" "))),
     })
+}
+
+/// A text, and behind it maybe the number of widgets to the right (`+2`) or left (`-1`) of it.
+fn target(words: &[&str]) -> Result<Target, ScriptReason> {
+    let along = words.last().filter(|word| word.starts_with(['+', '-'])).and_then(|word| word.parse().ok());
+    let text = words[..words.len() - usize::from(along.is_some())].join(" ");
+    if text.is_empty() {
+        return Err(ScriptReason::Step(words.join(" ")));
+    }
+    Ok(Target { text, along: along.unwrap_or(0) })
 }
 
 fn drag(button: Button, from: [f64; 2], to: [f64; 2]) -> Vec<Step> {
@@ -221,7 +269,9 @@ mod tests {
     #[test]
     fn lines_become_steps() {
         let text = "# a comment\n size 640 480\n\nclick 3 4.5 # there\nkey ctrl+shift+KeyZ\nhold KeyW 2\nshot a.png\ncounts a.json\nfound\n\
-                    boxes b.json\ndrop c.ply\ndouble 5 6\nclose\n";
+                    boxes b.json\ndrop c.ply\nbegin e.ply\ndouble 5 6\nclose\ntap Move by +2\nover Scene\ntype a b\nenter\npinch 0.5\n\
+                    pan 3 -4\nscreen d.png\n";
+        let target = |text: &str, along| Target { text: text.into(), along };
         let steps = parse(text, Path::new("there")).unwrap();
         let want = [
             Step::Size([640, 480]),
@@ -238,9 +288,18 @@ mod tests {
             Step::Found,
             Step::Boxes("there/b.json".into()),
             Step::Drop("there/c.ply".into()),
+            Step::Opened,
+            Step::Begin("there/e.ply".into()),
             Step::Pointer([5.0, 6.0]),
             Step::DoubleClick,
             Step::Close,
+            Step::Tap(target("Move by", 2)),
+            Step::Over(target("Scene", 0)),
+            Step::Type("a b".into()),
+            Step::Enter,
+            Step::Pinch(0.5),
+            Step::Pan([3.0, -4.0]),
+            Step::Screen("there/d.png".into()),
         ];
         assert_eq!(Vec::from(steps), want);
         let drag = Vec::from(parse("drag middle 0 0 16 8", Path::new("")).unwrap());
@@ -259,6 +318,7 @@ mod tests {
             ("press top", ["line 1", "top"]),
             ("frames -1", ["line 1", "-1"]),
             ("size 0 4", ["line 1", "\"0\""]),
+            ("tap +1", ["line 1", "+1"]),
         ] {
             let error = parse(text, Path::new("")).unwrap_err().to_string();
             assert!(words.iter().all(|word| error.contains(word)), "{error}");

@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 
+use super::texts;
 use instgs_objects::register::find::{FindError, FindInput, FindOptions, FindProgress, Found, find_alike};
 use instgs_vk::scene::{Camera, Gaussians, ObjectBox};
 
@@ -84,7 +85,7 @@ impl Search {
             }
             Ok(Err(FindError::Stopped)) => Searched::Stopped,
             Ok(Err(error)) => Searched::Failed(error.to_string()),
-            Err(_) => Searched::Failed("the search failed: this is a bug in the player".into()),
+            Err(_) => Searched::Failed(texts::SEARCH_BROKE.into()),
         }
     }
 }

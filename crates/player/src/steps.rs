@@ -106,6 +106,11 @@ impl Parts {
         Some(self.instances.as_ref()?.get(k)?.world_from_template)
     }
 
+    /// True if names and members of groups are among the parts.
+    pub(super) fn has_groups(&self) -> bool {
+        self.groups.is_some()
+    }
+
     /// True if no part of the scene is stored.
     pub(super) fn is_empty(&self) -> bool {
         let Self {

@@ -31,15 +31,6 @@ impl PresentMode {
     /// All modes, in the order in which they are offered.
     pub const ALL: [Self; 3] = [Self::Fifo, Self::Mailbox, Self::Immediate];
 
-    /// Name of the mode for users.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Fifo => "fifo",
-            Self::Mailbox => "mailbox",
-            Self::Immediate => "immediate",
-        }
-    }
-
     const fn vulkan(self) -> vk::PresentModeKHR {
         match self {
             Self::Fifo => vk::PresentModeKHR::FIFO,
@@ -47,6 +38,15 @@ impl PresentMode {
             Self::Immediate => vk::PresentModeKHR::IMMEDIATE,
         }
     }
+}
+
+/// What an image is filled with: buffers of one u32 per pixel, row by row from the top, bytes in the target's order.
+#[derive(Clone, Copy)]
+pub struct Pixels<'a> {
+    /// The pixels of the whole image.
+    pub all: &'a Buffer<u32>,
+    /// Other pixels of the whole image, and the column up to which they are shown instead.
+    pub left: Option<(&'a Buffer<u32>, u32)>,
 }
 
 /// The swapchain of a window. Must be dropped before the window.
@@ -60,6 +60,10 @@ pub struct Swapchain {
     images: Vec<SwapImage>,
     size_px: [u32; 2],
     mode: PresentMode,
+    /// True if images can be copied to the host.
+    readable: bool,
+    /// Where the next image goes, for [`Swapchain::take_captured`].
+    capture: Option<Buffer<u32>>,
     /// Semaphores that an image's acquisition signals: one more than images, used in turn.
     free: Vec<vk::Semaphore>,
     next_free: usize,
@@ -115,6 +119,8 @@ impl Swapchain {
             images: Vec::new(),
             size_px,
             mode,
+            readable: false,
+            capture: None,
             free: Vec::new(),
             next_free: 0,
         };
@@ -197,34 +203,29 @@ impl Swapchain {
         }
     }
 
-    /// Fills an image with `pixels` (one u32 each, row by row from the top, bytes in the target's order), draws the
-    /// overlay on top, submits everything that `recorder` holds, and presents the image. False if the window has
-    /// changed, so that [`Swapchain::resize`] should come before the next frame.
+    /// Fills an image with pixels, draws the overlay on top, submits everything that `recorder` holds, and presents the image.
+    /// False if the window has changed, so that [`Swapchain::resize`] should come before the next frame.
     ///
     /// # Panics
-    /// If `pixels` has fewer elements than the image has pixels.
+    /// If a buffer of pixels has fewer elements than the image has pixels.
     pub fn present(
         &mut self,
         recorder: &mut Recorder,
         target: Target,
-        pixels: &Buffer<u32>,
+        pixels: Pixels<'_>,
         ui: Option<(&mut UiPainter, &UiFrame)>,
     ) -> Result<bool, GpuError> {
-        let [width, height] = target.size_px;
-        assert!(pixels.len() as u64 >= u64::from(width) * u64::from(height), "too few pixels");
         let image = &self.images[target.index as usize];
-        let commands = recorder.raw_copy(pixels)?;
-        self.move_to(commands, image.image, vk::ImageLayout::UNDEFINED, vk::ImageLayout::TRANSFER_DST_OPTIMAL);
-        let region = [vk::BufferImageCopy::default()
-            .image_subresource(
-                vk::ImageSubresourceLayers::default().aspect_mask(vk::ImageAspectFlags::COLOR).layer_count(1),
-            )
-            .image_extent(vk::Extent3D { width, height, depth: 1 })];
+        let width = target.size_px[0];
+        let middle = pixels.left.map_or(0, |(_, middle)| middle.min(width));
         let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
-        // SAFETY: recording; the buffer holds all pixels (asserted), the image is in this layout, and barriers precede.
-        unsafe {
-            self.gpu.raw_device().cmd_copy_buffer_to_image(commands, pixels.handle(), image.image, layout, &region)
-        };
+        let commands = recorder.raw_copy(pixels.all)?;
+        self.move_to(commands, image.image, vk::ImageLayout::UNDEFINED, layout);
+        self.fill(commands, image.image, pixels.all, (target.size_px, middle..width));
+        if let Some((left, _)) = pixels.left {
+            recorder.raw_copy(left)?;
+            self.fill(commands, image.image, left, (target.size_px, 0..middle));
+        }
         let mut drawn = layout;
         if let Some((painter, frame)) = ui {
             drawn = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
@@ -233,12 +234,100 @@ impl Swapchain {
             painter.record(commands, image.view, target.size_px, frame)?;
             recorder.end_by_hand(timer);
         }
+        if let Some(capture) = &self.capture {
+            let source = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
+            self.move_to(commands, image.image, std::mem::replace(&mut drawn, source), source);
+            self.copy_out(commands, image.image, capture, target.size_px);
+        }
         self.move_to(commands, image.image, drawn, vk::ImageLayout::PRESENT_SRC_KHR);
         // SAFETY: the image was acquired with `free`, which will be signalled; only the image's presentation waits for
         // `complete`, and that was over when the image was acquired; images and semaphores are destroyed when the
         // device is idle.
         unsafe { recorder.submit_between(Some(target.free), Some(image.complete)) }?;
         self.show(target)
+    }
+
+    /// Records the copy of some columns of pixels, a range, into an image of `size_px`.
+    fn fill(
+        &self,
+        commands: vk::CommandBuffer,
+        image: vk::Image,
+        pixels: &Buffer<u32>,
+        ([width, height], columns): ([u32; 2], std::ops::Range<u32>),
+    ) {
+        assert!(pixels.len() as u64 >= u64::from(width) * u64::from(height), "too few pixels");
+        if columns.is_empty() {
+            return;
+        }
+        let region = [vk::BufferImageCopy::default()
+            .buffer_offset(4 * u64::from(columns.start))
+            .buffer_row_length(width)
+            .image_subresource(colours())
+            .image_offset(vk::Offset3D { x: columns.start as i32, y: 0, z: 0 })
+            .image_extent(vk::Extent3D { width: columns.end - columns.start, height, depth: 1 })];
+        let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+        // SAFETY: recording; the buffer holds all pixels (asserted), the image is in this layout, and barriers precede.
+        unsafe { self.gpu.raw_device().cmd_copy_buffer_to_image(commands, pixels.handle(), image, layout, &region) };
+    }
+
+    /// Prepares to read the next image that is presented; see [`Swapchain::take_captured`].
+    ///
+    /// # Errors
+    /// The window's images cannot be read, or there is no memory for a copy.
+    pub fn capture_next(&mut self) -> Result<(), GpuError> {
+        if !self.readable {
+            let feature = "reading the images of a window".into();
+            return Err(GpuError::MissingFeature { device: self.gpu.caps().name.clone(), feature });
+        }
+        let [width, height] = self.size_px;
+        self.capture = Some(Buffer::for_readback(&self.gpu, "capture", width as usize * height as usize)?);
+        Ok(())
+    }
+
+    /// The pixels of the image that was presented after [`Swapchain::capture_next`]: red, green and blue bytes, row by row from
+    /// the top. None if there was none, or the window's size has changed since. Waits for the device.
+    pub fn take_captured(&mut self) -> Result<Option<Vec<u8>>, GpuError> {
+        let Some(capture) = self.capture.take() else { return Ok(None) };
+        self.gpu.wait_all()?;
+        let blue_first = is_blue_first(self.format.format);
+        let rgb = |pixel: &u32| {
+            let [a, b, c, _] = pixel.to_le_bytes();
+            if blue_first { [c, b, a] } else { [a, b, c] }
+        };
+        let count = self.size_px[0] as usize * self.size_px[1] as usize;
+        let fits = capture.len() == count;
+        Ok(fits.then(|| capture.read_all_mapped(count).iter().flat_map(rgb).collect()))
+    }
+
+    /// Records the copy of an image of `size_px` into memory that the host can read.
+    fn copy_out(
+        &self,
+        commands: vk::CommandBuffer,
+        image: vk::Image,
+        capture: &Buffer<u32>,
+        [width, height]: [u32; 2],
+    ) {
+        if capture.len() as u64 != u64::from(width) * u64::from(height) {
+            return;
+        }
+        let region = [vk::BufferImageCopy::default().image_subresource(colours()).image_extent(vk::Extent3D {
+            width,
+            height,
+            depth: 1,
+        })];
+        let to_host = [vk::MemoryBarrier2::default()
+            .src_stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER)
+            .src_access_mask(vk::AccessFlags2::TRANSFER_WRITE)
+            .dst_stage_mask(vk::PipelineStageFlags2::HOST)
+            .dst_access_mask(vk::AccessFlags2::HOST_READ)];
+        let info = vk::DependencyInfo::default().memory_barriers(&to_host);
+        let (device, layout) = (self.gpu.raw_device(), vk::ImageLayout::TRANSFER_SRC_OPTIMAL);
+        // SAFETY: recording; the buffer has a place for each pixel (checked) and lives until the device is done
+        // (`take_captured` waits; else it is dropped with the idle swapchain); the image is in this layout.
+        unsafe {
+            device.cmd_copy_image_to_buffer(commands, image, layout, capture.handle(), &region);
+            device.cmd_pipeline_barrier2(commands, &info);
+        }
     }
 
     fn show(&self, target: Target) -> Result<bool, GpuError> {
@@ -304,6 +393,11 @@ impl Swapchain {
         // One image to draw into while one is presented and one waits.
         let most = if abilities.max_image_count == 0 { u32::MAX } else { abilities.max_image_count };
         let [width, height] = self.size_px;
+        let mut usage = vk::ImageUsageFlags::TRANSFER_DST | vk::ImageUsageFlags::COLOR_ATTACHMENT;
+        self.readable = abilities.supported_usage_flags.contains(vk::ImageUsageFlags::TRANSFER_SRC);
+        if self.readable {
+            usage |= vk::ImageUsageFlags::TRANSFER_SRC;
+        }
         let opaque = vk::CompositeAlphaFlagsKHR::OPAQUE;
         let alpha = if abilities.supported_composite_alpha.contains(opaque) {
             opaque
@@ -317,7 +411,7 @@ impl Swapchain {
             .image_color_space(self.format.color_space)
             .image_extent(vk::Extent2D { width, height })
             .image_array_layers(1)
-            .image_usage(vk::ImageUsageFlags::TRANSFER_DST | vk::ImageUsageFlags::COLOR_ATTACHMENT)
+            .image_usage(usage)
             .pre_transform(abilities.current_transform)
             .composite_alpha(alpha)
             .present_mode(self.mode.vulkan())
@@ -400,6 +494,10 @@ fn is_blue_first(format: vk::Format) -> bool {
     format == vk::Format::B8G8R8A8_UNORM
 }
 
+fn colours() -> vk::ImageSubresourceLayers {
+    vk::ImageSubresourceLayers::default().aspect_mask(vk::ImageAspectFlags::COLOR).layer_count(1)
+}
+
 fn whole_image() -> vk::ImageSubresourceRange {
     vk::ImageSubresourceRange::default().aspect_mask(vk::ImageAspectFlags::COLOR).level_count(1).layer_count(1)
 }
@@ -411,6 +509,9 @@ fn use_in(layout: vk::ImageLayout) -> (vk::PipelineStageFlags2, vk::AccessFlags2
         vk::ImageLayout::UNDEFINED => (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::NONE),
         vk::ImageLayout::TRANSFER_DST_OPTIMAL => {
             (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE)
+        }
+        vk::ImageLayout::TRANSFER_SRC_OPTIMAL => {
+            (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_READ)
         }
         vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL => (
             vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT,

@@ -1,13 +1,15 @@
 //! Helper for tests of panels through simulated user input, without a window: finds texts in egui's output, and clicks
 //! and drags them.
 
-use egui::{Context, Event, PointerButton, Pos2, Rect, Shape};
+use egui::{Context, Event, PointerButton, Pos2, Rect};
+
+use crate::panel_texts::{PanelText, texts_of};
 
 /// A simulated screen of 900 by 1200 points.
 #[derive(Default)]
 pub(super) struct TestScreen {
     ctx: Context,
-    texts: Vec<(String, Rect)>,
+    texts: Vec<PanelText>,
     time: f64,
 }
 
@@ -19,24 +21,24 @@ impl TestScreen {
         let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, egui::vec2(900.0, 1200.0)));
         let input = egui::RawInput { screen_rect, events, time: Some(self.time), ..egui::RawInput::default() };
         let output = self.ctx.run(input, lay_out);
-        self.texts.clear();
-        output.shapes.iter().for_each(|clipped| texts(&clipped.shape, &mut self.texts));
+        self.texts = texts_of(&output.shapes);
     }
 
     /// True if a text on the screen starts with `begin`.
     pub(super) fn says(&self, begin: &str) -> bool {
-        self.texts.iter().any(|(text, _)| text.starts_with(begin))
+        self.texts.iter().any(|have| have.text.starts_with(begin))
     }
 
     /// Rectangle of a text on the screen; the first of several.
     pub(super) fn first_place(&self, text: &str) -> Rect {
-        self.texts.iter().find(|(have, _)| have == text).unwrap_or_else(|| panic!("no {text:?} in {:?}", self.texts)).1
+        let found = self.texts.iter().find(|have| have.text == text);
+        found.unwrap_or_else(|| panic!("no {text:?} in {:?}", self.texts)).rect
     }
 
     /// Rectangle of a text on the screen; the last of several.
     pub(super) fn place(&self, text: &str) -> Rect {
-        let found = self.texts.iter().rfind(|(have, _)| have == text);
-        found.unwrap_or_else(|| panic!("no {text:?} in {:?}", self.texts)).1
+        let found = self.texts.iter().rfind(|have| have.text == text);
+        found.unwrap_or_else(|| panic!("no {text:?} in {:?}", self.texts)).rect
     }
 }
 
@@ -61,12 +63,4 @@ pub(super) fn drag(from: Pos2, by: f32) -> Vec<Vec<Event>> {
     pictures.extend(press(from + egui::vec2(by, 0.0), false));
     pictures.push(Vec::new());
     pictures
-}
-
-fn texts(shape: &Shape, out: &mut Vec<(String, Rect)>) {
-    match shape {
-        Shape::Text(text) => out.push((text.galley.text().into(), text.galley.rect.translate(text.pos.to_vec2()))),
-        Shape::Vec(shapes) => shapes.iter().for_each(|shape| texts(shape, out)),
-        _ => {}
-    }
 }

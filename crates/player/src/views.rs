@@ -1,5 +1,6 @@
 //! The views of a scene: names, keys, legends, and the menu that selects one.
 
+use super::texts;
 use instgs_vk::math::heat::heat;
 use instgs_vk::render::Show;
 use instgs_vk::render::show::{ELLIPSE_ALPHA, OFFSET_TOP, TILE_LOAD_TOP};
@@ -84,52 +85,20 @@ impl View {
             Self::Ellipses => Show::Ellipses(ELLIPSE_ALPHA),
         }
     }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Color => "colour",
-            Self::Alpha => "coverage",
-            Self::Depth => "depth",
-            Self::Instances => "instances",
-            Self::Templates => "templates",
-            Self::TileLoad => "tile load",
-            Self::Offsets => "offsets",
-            Self::Points => "points",
-            Self::Ellipses => "ellipses",
-        }
-    }
 }
 
-/// Explains the colours of a view; `slabs` is the number of depth slabs of the frame.
-fn legend(show: Show, slabs: u32) -> String {
-    match show {
-        Show::Color => "rendered colours".into(),
-        Show::Alpha => "white: opaque; black: nothing".into(),
-        Show::Depth([white, black]) => format!("white at depth {white:.3}, black from {black:.3}"),
-        Show::Instances => "one colour each; black: background".into(),
-        Show::Templates => "one colour each; grey: background".into(),
-        Show::TileLoad(top) if slabs > 1 => {
-            format!("0 to {top:.0} intersections per tile, in the last of {slabs} depth slabs")
-        }
-        Show::TileLoad(top) => format!("0 to {top:.0} intersections per tile"),
-        Show::Offsets(top) => format!("position offset of 0 to {:.1} % of the template's radius", 100.0 * top),
-        Show::Points => "a disc of 1.5 pixels at each centre".into(),
-        Show::Ellipses(alpha) => format!("one standard deviation, where alpha is at least {alpha:.2}"),
-    }
-}
-
-/// The menu of views, with legend and slider. `distance` as in [`View::show`], `slabs` as in [`legend`].
+/// The menu of views, with legend and slider. `distance` as in [`View::show`], `slabs` is the number of depth slabs of the frame.
 pub(super) fn choose(ui: &mut egui::Ui, show: &mut Show, distance: f64, slabs: u32) {
     let chosen = View::of(*show);
     ui.horizontal(|ui| {
-        egui::ComboBox::from_id_salt("view").selected_text(chosen.name()).show_ui(ui, |ui| {
+        egui::ComboBox::from_id_salt("view").selected_text(texts::view_name(chosen)).show_ui(ui, |ui| {
             for (key, view) in (1..).zip(View::ALL) {
-                if ui.selectable_label(view == chosen, format!("{key}  {}", view.name())).clicked() {
+                if ui.selectable_label(view == chosen, format!("{key}  {}", texts::view_name(view))).clicked() {
                     *show = view.show(distance);
                 }
             }
         });
-        ui.label("view");
+        ui.label(texts::SHOWN);
     });
     if matches!(show, Show::TileLoad(_) | Show::Offsets(_)) {
         bar(ui);
@@ -138,15 +107,15 @@ pub(super) fn choose(ui: &mut egui::Ui, show: &mut Show, distance: f64, slabs: u
         let slider = egui::Slider::new(level, range).logarithmic(true).clamping(egui::SliderClamping::Never);
         ui.add(slider.text(name));
     }
-    ui.label(legend(*show, slabs));
+    ui.label(texts::legend(*show, slabs));
 }
 
 /// The adjustable value of a view, the range of its slider, and its label.
 fn level(show: &mut Show) -> Option<(&mut f32, std::ops::RangeInclusive<f32>, &'static str)> {
     match show {
-        Show::TileLoad(top) => Some((top, 1.0..=65536.0, "top of the scale")),
-        Show::Offsets(top) => Some((top, 0.001..=10.0, "top of the scale")),
-        Show::Ellipses(alpha) => Some((alpha, 0.004..=1.0, "least alpha")),
+        Show::TileLoad(top) => Some((top, 1.0..=65536.0, texts::TOP_OF_SCALE)),
+        Show::Offsets(top) => Some((top, 0.001..=10.0, texts::TOP_OF_SCALE)),
+        Show::Ellipses(alpha) => Some((alpha, 0.004..=1.0, texts::LEAST_ALPHA)),
         _ => None,
     }
 }
@@ -169,14 +138,14 @@ mod tests {
 
     #[test]
     fn every_view_has_its_own_name_and_legend_and_is_found_again() {
-        let told = |view: &View| (view.name(), legend(view.show(2.0), 1));
+        let told = |view: &View| (texts::view_name(*view), texts::legend(view.show(2.0), 1));
         let mut all: Vec<_> = View::ALL.iter().map(told).collect();
         all.sort();
         all.dedup_by(|a, b| a.0 == b.0);
         assert!(all.len() == View::ALL.len() && all.iter().all(|(_, legend)| legend.len() > 5), "{all:?}");
         assert!(View::ALL.iter().all(|view| View::of(view.show(2.0)) == *view));
         assert_eq!(View::Depth.show(2.0), Show::Depth([0.0, 6.0]));
-        assert!(legend(Show::TileLoad(64.0), 3).contains("last of 3"));
+        assert!(texts::legend(Show::TileLoad(64.0), 3).contains("last of 3"));
         assert_eq!(View::Offsets.show_at(2.0, 0.5), Some(Show::Offsets(0.5)));
         assert_eq!(View::Points.show_at(2.0, 0.5), None);
     }

@@ -9,7 +9,7 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::window::WindowId;
 
-use crate::swapchain::{PresentMode, Target};
+use crate::swapchain::{Pixels, PresentMode, Target};
 use crate::ui_painter::UiFrame;
 use instgs_io::IoError;
 use instgs_vk::gpu::DeviceChoice;
@@ -19,10 +19,12 @@ use super::error::PlayerError;
 use super::headless::Timings;
 use super::hud::{Facts, Hud, Settings, ground};
 use super::hud_gizmo::{paint_brush, paint_gizmo};
-use super::recent::Recent;
+use super::panel_texts::texts_of;
+use super::remembered::{Recent, Remembered};
 use super::resolution::Resolution;
 use super::scene_viewer::ViewerOptions;
 use super::script::Step;
+use super::texts;
 
 mod boxing;
 mod editing;
@@ -33,6 +35,7 @@ mod leaving;
 mod opening;
 mod parts;
 mod playing;
+mod split;
 mod work;
 
 use parts::{CameraState, Interaction, Pacing, Playback, Screen, Session};
@@ -122,6 +125,8 @@ struct Player {
 
 /// Everything that exists while the window does. Parts are dropped in order: the scene on the device before the window.
 struct Live {
+    /// The scene as it was opened, beside the present one.
+    split: Option<split::Split>,
     session: Session,
     screen: Screen,
     hud: Hud,
@@ -132,6 +137,7 @@ struct Live {
     /// The work that runs beside the picture.
     work: Option<work::Work>,
     recent: Recent,
+    remembered: Remembered,
 }
 
 impl ApplicationHandler for Player {
@@ -169,7 +175,7 @@ impl ApplicationHandler for Player {
         let after = match event {
             WindowEvent::CloseRequested => Ok(live.close()),
             WindowEvent::RedrawRequested => self.redraw(),
-            event => live.event(&event, &self.job),
+            event => live.event(&event),
         };
         match after {
             Ok(After::Nothing) => {}
@@ -201,18 +207,18 @@ impl Player {
             let cameras = &self.job.path_cameras;
             live.camera.navigator.stand_at(&cameras[(done % cameras.len() as u64) as usize]);
         }
-        if let After::Quit = live.play_step(&self.job)? {
+        if let After::Quit = live.play_step()? {
             return Ok(After::Quit);
         }
         if let Ok(report) = &mut self.outcome {
             report.timings.begin();
         }
-        let works = live.go_on_working()?;
+        let works = live.go_on_working(&self.job)?;
         if live.work.is_some() || live.hud.files.waits() {
             // Looks at it again soon.
             live.screen.ui.egui_ctx().request_repaint_after(LOOK_AGAIN);
         }
-        let shown = live.picture(works || self.job.frames.is_some() || !live.playback.script.is_empty(), &self.job)?;
+        let shown = live.picture(works || self.job.frames.is_some() || !live.playback.script.is_empty())?;
         let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
         if let (true, Ok(report)) = (shown, &mut self.outcome) {
             report.timings.submitted(live.session.viewer.in_flight());
@@ -274,7 +280,7 @@ impl Player {
 impl Live {
     /// Draws and presents a frame; false if there is no image to draw to. `goes_on` means that another frame follows at
     /// once.
-    fn picture(&mut self, goes_on: bool, job: &WindowJob) -> Result<bool, PlayerError> {
+    fn picture(&mut self, goes_on: bool) -> Result<bool, PlayerError> {
         let start = Instant::now();
         let Some(target) = self.acquire()? else { return Ok(false) };
         let since = self.pacing.seconds_since_last(start);
@@ -282,7 +288,7 @@ impl Live {
         self.camera.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
         self.follow_grip()?;
         self.take_found();
-        let (frame, animated) = self.lay_out(job)?;
+        let (frame, animated) = self.lay_out()?;
         self.screen.painter.prepare(&frame)?;
         // A still view is drawn at full resolution, and so is the frame after REFINE_AFTER without motion.
         let rests = self.pacing.take_refine(start);
@@ -295,8 +301,13 @@ impl Live {
             self.hud.message = Some(words);
             self.screen.window.request_redraw();
         }
-        let (recorder, pixels) = self.session.viewer.record_pixels(target.size_px, target.blue_first)?;
-        let fits = self.screen.swapchain.present(recorder, target, pixels, Some((&mut self.screen.painter, &frame)))?;
+        self.draw_opened(size_px, target)?;
+        self.begin_capture()?;
+        let left = self.split.as_ref().map(|split| split.pixels(target.size_px));
+        let (recorder, all) = self.session.viewer.record_pixels(target.size_px, target.blue_first)?;
+        let ui = Some((&mut self.screen.painter, &frame));
+        let fits = self.screen.swapchain.present(recorder, target, Pixels { all, left }, ui)?;
+        self.end_capture()?;
         if !fits {
             self.screen.resize()?;
         }
@@ -340,13 +351,14 @@ impl Live {
         let mode = self.screen.swapchain.mode();
         // An error about the file is more important.
         if mode != wanted && self.hud.message.is_none() {
-            self.hud.message = Some(format!("this window does not support {}: using {}", wanted.name(), mode.name()));
+            self.hud.message = Some(texts::no_such_mode(wanted, mode));
         }
     }
 
     /// Lays out the overlay of the next frame; the flag is true while it is animated.
-    fn lay_out(&mut self, job: &WindowJob) -> Result<(UiFrame, bool), PlayerError> {
-        let input = self.screen.ui.take_egui_input(&self.screen.window);
+    fn lay_out(&mut self) -> Result<(UiFrame, bool), PlayerError> {
+        let mut input = self.screen.ui.take_egui_input(&self.screen.window);
+        input.time = self.playback.time_of(input.time);
         let mut present = self.screen.swapchain.mode();
         let ctx = self.screen.ui.egui_ctx().clone();
         let (gizmo, hot, brush_px) = (self.gizmo(), self.input.editing.hot(), self.brush_px());
@@ -379,6 +391,7 @@ impl Live {
                 recent: self.recent.files(),
                 work: work.clone(),
                 boxes: self.input.boxing.on,
+                split: self.split.is_some(),
             };
             let settings = Settings {
                 navigator: &mut self.camera.navigator,
@@ -400,10 +413,17 @@ impl Live {
             self.session.viewer.options = options;
             paint_gizmo(ctx, gizmo.as_ref(), hot);
             paint_brush(ctx, brush_px);
+            if let Some(split) = &self.split {
+                split.paint(ctx, self.input.controls.pointer_px());
+            }
             box_actions.extend(self.lay_out_boxes(ctx));
         });
+        if !self.playback.script.is_empty() {
+            self.playback.texts = texts_of(&output.shapes);
+        }
+        self.remembered.note(&ctx, &self.hud);
         let acts = !(actions.is_empty() && box_actions.is_empty());
-        self.act(actions, job)?;
+        self.act(actions)?;
         self.act_on_boxes(box_actions)?;
         if present != self.screen.swapchain.mode() {
             // The acquired image belongs to the old mode: the next frame uses the new one.

@@ -156,14 +156,19 @@ fn mix(a: [f64; 3], b: [f64; 3], part: f64) -> [f64; 3] {
     std::array::from_fn(|c| a[c] + (b[c] - a[c]) * part)
 }
 
-/// A colour for each number, with neighbouring numbers far apart in hue: steps of the golden angle around the colour
-/// circle.
+/// The colours of Okabe and Ito without black (Color Universal Design, 2002, revised 2008: <https://jfly.uni-koeln.de/color/>).
+const PALETTE: [[u8; 3]; 7] =
+    [[230, 159, 0], [86, 180, 233], [0, 158, 115], [240, 228, 66], [0, 114, 178], [213, 94, 0], [204, 121, 167]];
+/// Factor of the second seven colours, and part of white in the third seven.
+const DARKER: f64 = 0.6;
+const LIGHTER: f64 = 0.5;
+
+/// A colour for each number: seven that people with any colour vision tell apart, the same darker, the same lighter, and again.
 fn color_of(number: u32) -> [f64; 3] {
-    // The product is f32, as on the device.
-    let turn = f64::from((number as f32 * 0.618_034).fract());
-    [0.0, 2.0 / 3.0, 1.0 / 3.0].map(|shift| {
-        let place = (turn + shift).fract() * 6.0 - 3.0;
-        0.15 + 0.85 * (place.abs() - 1.0).clamp(0.0, 1.0)
+    PALETTE[number as usize % 7].map(f64::from).map(|level| level / 255.0).map(|v| match number / 7 % 3 {
+        0 => v,
+        1 => DARKER * v,
+        _ => v + LIGHTER * (1.0 - v),
     })
 }
 
@@ -275,5 +280,49 @@ mod tests {
         let [none, quarter, full] = [0.0, 0.25, 1.0].map(|part| levels(heat(part)));
         let want = [none, none, quarter, none, none, quarter, full, full, full];
         assert_eq!(shown.levels([3, 3]), want);
+    }
+
+    /// What people with each kind of colour vision see, linear rgb: usual, without the red, the green, the blue cones (Machado et
+    /// al. 2009, severity 1).
+    const VISIONS: [[[f64; 3]; 3]; 4] = [
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    ];
+
+    /// CIE L*a*b* of an sRGB colour as one of `VISIONS` sees it.
+    fn lab(color: [f64; 3], vision: &[[f64; 3]; 3]) -> DVec3 {
+        let dot = |row: &[f64; 3], v: [f64; 3]| (0..3).map(|k| row[k] * v[k]).sum::<f64>();
+        let linear = color.map(|v| if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) });
+        let seen = [0, 1, 2].map(|k| dot(&vision[k], linear).clamp(0.0, 1.0));
+        let xyz = [[0.4339, 0.3763, 0.1899], [0.2126, 0.7152, 0.0722], [0.0177, 0.1095, 0.8729]];
+        let [x, y, z] =
+            xyz.map(|row| dot(&row, seen)).map(|t| if t > 0.008856 { t.cbrt() } else { 7.787 * t + 16.0 / 116.0 });
+        DVec3::new(116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z))
+    }
+
+    /// Least distance in L*a*b* between two of some colours, in any colour vision.
+    fn least_difference(colors: &[[f64; 3]]) -> f64 {
+        let of_vision = |vision: &[[f64; 3]; 3]| {
+            let seen: Vec<DVec3> = colors.iter().map(|&color| lab(color, vision)).collect();
+            let pairs = (0..seen.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+            pairs.map(|(a, b)| seen[a].distance(seen[b])).fold(f64::INFINITY, f64::min)
+        };
+        VISIONS.iter().map(of_vision).fold(f64::INFINITY, f64::min)
+    }
+
+    /// A difference of 2 is just noticed side by side.
+    #[test]
+    fn colors_of_numbers_differ_in_every_colour_vision() {
+        let colors: Vec<[f64; 3]> = (0..21).map(color_of).collect();
+        assert!(least_difference(&colors[..7]) > 15.0 && least_difference(&colors) > 5.0);
+        assert_eq!(color_of(21), colors[0]);
+        // Hues alone, evenly around the circle, do not.
+        let hue = |k: u32| {
+            [0.0, 4.0, 2.0].map(|at| ((f64::from(k) / 3.5 + at) % 6.0 - 3.0).abs() - 1.0).map(|v| v.clamp(0.0, 1.0))
+        };
+        let hues: Vec<[f64; 3]> = (0..21).map(hue).collect();
+        assert!(least_difference(&hues) < 2.0);
     }
 }

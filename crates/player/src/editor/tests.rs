@@ -31,6 +31,43 @@ fn clicks_choose_one_or_more_and_alike_all_of_a_kind() {
     assert!(editor.chosen().is_empty());
 }
 
+#[test]
+fn the_first_state_is_that_before_all_changes() {
+    let mut scene = sample_scene();
+    let (before, mut editor) = (scene.clone(), Editor::default());
+    editor.click(Some(0), false);
+    for edit in [move_by(&editor, DVec3::X), Edit::Duplicate { which: Selector::Index(1), by: DVec3::Y, turn: None }] {
+        editor.apply(&mut scene, &edit).unwrap();
+    }
+    editor.set_hidden(&[2], true);
+    editor.undo(&mut scene);
+    editor.saved();
+    let (now, history, chosen) = (scene.clone(), editor.history(), editor.chosen().clone());
+    assert!(editor.first_state(&mut scene) == before && before != now);
+    assert!(scene == now && editor.history() == history && *editor.chosen() == chosen && !editor.is_unsaved());
+}
+
+/// Lists of instances are made anew for copies and names, and not for each frame of a drag.
+#[test]
+fn lists_are_out_of_date_after_copies_and_names_only() {
+    let (mut scene, mut editor) = (sample_scene(), Editor::default());
+    editor.click(Some(0), false);
+    let first = editor.listing();
+    let moved = move_by(&editor, DVec3::X);
+    editor.apply_live(&mut scene, &moved).0.unwrap();
+    editor.set_hidden(&[1], true);
+    assert_eq!(editor.listing(), first);
+    let rename = Edit::Rename { template: 0, name: "stool".into() };
+    let copy = Edit::Duplicate { which: Selector::Index(0), by: DVec3::Y, turn: None };
+    for edit in [rename, copy] {
+        let before = editor.listing();
+        editor.apply(&mut scene, &edit).unwrap();
+        let applied = editor.listing();
+        editor.undo(&mut scene);
+        assert!(before != applied && applied != editor.listing(), "{edit:?}");
+    }
+}
+
 /// Every kind of change is undone and redone; the scenes are the same, bit for bit, at every step.
 #[test]
 fn changes_are_taken_back_and_done_again() {

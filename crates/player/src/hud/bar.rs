@@ -63,6 +63,7 @@ fn tools(ui: &mut Ui, facts: &Facts<'_>, panels: &mut OpenPanels, actions: &mut 
     }
     let chosen = !facts.editor.chosen().is_empty();
     button(ui, chosen, false, icon::CROSSHAIR, texts::FRAME_TIP, Action::Frame);
+    button(ui, true, facts.split, icon::SQUARE_SPLIT_HORIZONTAL, texts::SPLIT_TIP, Action::Split);
     button(ui, true, facts.boxes, icon::BOUNDING_BOX, texts::BOXES_TIP, Action::Boxes);
     ui.separator();
     for (which, icon, tip) in [
@@ -81,19 +82,8 @@ fn tools(ui: &mut Ui, facts: &Facts<'_>, panels: &mut OpenPanels, actions: &mut 
 
 /// The frame rate, or that nothing moves.
 fn rate(facts: &Facts<'_>) -> String {
-    let reduced = match facts.scale {
-        scale if scale < 1.0 => format!(", {:.0} % of the pixels", 100.0 * scale.powi(2)),
-        _ => String::new(),
-    };
-    match facts.clock.rate() {
-        Some(rate) => {
-            let fps = 1e3 / rate.median_ms;
-            // Below ten, a whole number says too little.
-            let decimals = usize::from(fps < 9.95);
-            format!("{fps:.decimals$} FPS{reduced}")
-        }
-        None => "still".into(),
-    }
+    let rate = facts.clock.rate();
+    rate.map_or_else(|| texts::STILL.into(), |rate| texts::frame_rate(1e3 / rate.median_ms, facts.scale.powi(2)))
 }
 
 /// The work that runs beside the picture: its name, its progress, and a button that cancels it.

@@ -66,8 +66,8 @@ impl CameraPanel {
             ui.label(texts::PICTURE);
             let [width, height] = &mut self.size_px;
             ui.add(DragValue::new(width).range(1..=MOST_PX));
-            ui.label("x");
-            ui.add(DragValue::new(height).range(1..=MOST_PX).suffix(" px"));
+            ui.label(texts::BY);
+            ui.add(DragValue::new(height).range(1..=MOST_PX).suffix(texts::PX));
             ui.label(texts::FRAMES);
             ui.add(DragValue::new(&mut self.frames).range(2..=100_000));
         });

@@ -93,10 +93,11 @@ impl FilePanel {
         ui.horizontal(|ui| {
             ui.label(texts::FILE);
             let field = ui.add(TextEdit::singleline(text).desired_width(WIDTH));
-            if ui.memory(|memory| memory.focused().is_none()) {
+            // Enter takes the focus from the field, which must not get it back before that is seen.
+            done |= field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
+            if !done && ui.memory(|memory| memory.focused().is_none()) {
                 field.request_focus();
             }
-            done |= field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
             done |= ui.button(if saves { texts::SAVE } else { texts::OPEN }).clicked();
         });
         let path = PathBuf::from(text.trim());

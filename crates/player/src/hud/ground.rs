@@ -4,6 +4,7 @@ use egui::{Align2, Color32, Context, FontId, LayerId, Pos2, Stroke};
 use glam::DVec3;
 
 use crate::hud_gizmo::{HOT, line};
+use crate::texts;
 use instgs_vk::scene::Camera;
 
 /// Lines of the grid to each side of its middle.
@@ -13,9 +14,9 @@ const PIECES: i32 = 20;
 const GRID: Color32 = Color32::from_rgba_premultiplied(90, 90, 90, 110);
 /// Red, green and blue for x, y and z, the usual convention.
 const AXES: [(&str, DVec3, Color32); 3] = [
-    ("X", DVec3::X, Color32::from_rgb(235, 70, 70)),
-    ("Y", DVec3::Y, Color32::from_rgb(90, 205, 90)),
-    ("Z", DVec3::Z, Color32::from_rgb(90, 140, 255)),
+    (texts::X, DVec3::X, Color32::from_rgb(235, 70, 70)),
+    (texts::Y, DVec3::Y, Color32::from_rgb(90, 205, 90)),
+    (texts::Z, DVec3::Z, Color32::from_rgb(90, 140, 255)),
 ];
 /// Length of the axes, and distance of their origin from the window's corner, points.
 const LENGTH: f64 = 34.0;

@@ -7,6 +7,7 @@ use egui_phosphor::regular as icon;
 
 use super::{Facts, WIDTH};
 use crate::actions::Action;
+use crate::editor::Editor;
 use crate::texts;
 use instgs_vk::math::digits::grouped;
 use instgs_vk::scene::InstancedScene;
@@ -23,6 +24,15 @@ pub(super) struct Outliner {
     unfolded: BTreeSet<u32>,
     /// The template that is being renamed, and the text so far.
     renaming: Option<(u32, String)>,
+    /// The list as it was laid out last; none after it was searched or folded in another way.
+    listed: Option<Listed>,
+}
+
+/// The lines of the list, for what the editor's [`listing`](crate::editor::Editor::listing) was then: with thousands of instances
+/// their names take longer than the rest of a frame.
+struct Listed {
+    listing: u64,
+    rows: Vec<Row>,
 }
 
 /// A line of the list.
@@ -35,41 +45,57 @@ enum Row {
 /// The name of a template: its group's, or its number.
 pub(in crate::hud) fn template_name(scene: &InstancedScene, template: u32) -> String {
     let group = scene.groups.iter().find(|group| group.template_id == template);
-    group.and_then(|group| group.name.clone()).unwrap_or_else(|| format!("template {template}"))
+    group.and_then(|group| group.name.clone()).unwrap_or_else(|| texts::template(template))
 }
 
 impl Outliner {
     /// Lays out the list.
     pub(super) fn lay_out(&mut self, ui: &mut Ui, facts: &Facts<'_>, actions: &mut Vec<Action>) {
+        self.contents(ui, facts.scene, facts.editor, actions);
+    }
+
+    fn contents(&mut self, ui: &mut Ui, scene: &InstancedScene, editor: &Editor, actions: &mut Vec<Action>) {
         ui.set_min_width(WIDTH);
-        let count = facts.scene.instances.len();
+        let count = scene.instances.len();
         if count == 0 {
             ui.label(texts::NO_INSTANCES);
         } else {
             let hint = format!("{} {}", icon::MAGNIFYING_GLASS, texts::SEARCH);
-            ui.add(TextEdit::singleline(&mut self.search).hint_text(hint).desired_width(f32::INFINITY));
-            let rows = self.rows(facts.scene);
+            let field = TextEdit::singleline(&mut self.search).hint_text(hint).desired_width(f32::INFINITY);
+            if ui.add(field).changed() {
+                self.listed = None;
+            }
+            let listed = self.take_listed(scene, editor);
+            let rows = &listed.rows;
             if rows.is_empty() {
                 ui.label(texts::NOTHING_FOUND);
             }
             let height = ui.spacing().interact_size.y;
             let room = HEIGHT.min(ui.ctx().content_rect().height() / 2.0);
-            ScrollArea::vertical().max_height(room).show_rows(ui, height, rows.len(), |ui, range| {
-                rows[range].iter().for_each(|row| self.row(ui, row, facts, actions));
+            let folds = ScrollArea::vertical().max_height(room).show_rows(ui, height, rows.len(), |ui, range| {
+                rows[range].iter().fold(false, |folds, row| self.row(ui, row, editor, actions) | folds)
             });
+            self.listed = Some(listed).filter(|_| !folds.inner);
             ui.horizontal(|ui| {
                 if ui.button(texts::SELECT_ALL).clicked() {
                     actions.push(Action::Choose((0..count).collect(), false));
                 }
-                let hidden = !facts.editor.hidden().is_empty();
+                let hidden = !editor.hidden().is_empty();
                 if ui.add_enabled(hidden, Button::new(texts::SHOW_ALL)).clicked() {
                     actions.push(Action::ShowAll);
                 }
             });
         }
         ui.separator();
-        let background = grouped(facts.scene.background.len() as u64);
-        ui.label(format!("{}: {background} Gaussians", texts::BACKGROUND));
+        let background = grouped(scene.background.len() as u64);
+        ui.label(texts::background_gaussians(&background));
+    }
+
+    /// The list of the last frame, or a new one if that is out of date.
+    fn take_listed(&mut self, scene: &InstancedScene, editor: &Editor) -> Listed {
+        let listing = editor.listing();
+        let known = self.listed.take().filter(|listed| listed.listing == listing);
+        known.unwrap_or_else(|| Listed { listing, rows: self.rows(scene) })
     }
 
     /// The lines that match the search: kinds, each followed by its instances if they are unfolded or searched for.
@@ -103,48 +129,49 @@ impl Outliner {
         rows
     }
 
-    fn row(&mut self, ui: &mut Ui, row: &Row, facts: &Facts<'_>, actions: &mut Vec<Action>) {
+    /// Lays out a line; true if it was folded or unfolded.
+    fn row(&mut self, ui: &mut Ui, row: &Row, editor: &Editor, actions: &mut Vec<Action>) -> bool {
         ui.horizontal(|ui| match row {
-            Row::Kind { template, name, members } => {
-                let unfolded = self.unfolded.contains(template);
-                let caret = if unfolded { icon::CARET_DOWN } else { icon::CARET_RIGHT };
-                if ui.add(Button::new(caret).frame(false)).on_hover_text(texts::UNFOLD_TIP).clicked() {
-                    if unfolded {
-                        self.unfolded.remove(template);
-                    } else {
-                        self.unfolded.insert(*template);
-                    }
-                }
-                if self.renaming.as_ref().is_some_and(|(renamed, _)| renamed == template) {
-                    return self.rename(ui, actions);
-                }
-                let chosen = members.iter().all(|k| facts.editor.chosen().contains(k));
-                let text = RichText::new(format!("{name}  ({})", members.len())).strong();
-                let response = ui.add(Button::selectable(chosen, text).truncate());
-                if response.double_clicked() {
-                    self.renaming = Some((*template, name.clone()));
-                } else if response.clicked() {
-                    let more = ui.input(|input| input.modifiers.shift || input.modifiers.command);
-                    actions.push(Action::Choose(members.clone(), more));
-                }
-                eye_and_lock(ui, members, facts, actions);
-                if ui.add(Button::new(icon::PENCIL_SIMPLE).frame(false)).on_hover_text(texts::RENAME_TIP).clicked() {
-                    self.renaming = Some((*template, name.clone()));
-                }
-            }
+            Row::Kind { template, name, members } => self.kind(ui, (*template, name, members), editor, actions),
             Row::Instance { k, name } => {
-                ui.add_space(22.0);
-                let response = ui.add(Button::selectable(facts.editor.chosen().contains(k), name).truncate());
-                if response.clicked() {
-                    let more = ui.input(|input| input.modifiers.shift || input.modifiers.command);
-                    actions.push(if more { Action::Toggle(*k) } else { Action::Choose(vec![*k], false) });
-                }
-                if response.double_clicked() {
-                    actions.push(Action::Frame);
-                }
-                eye_and_lock(ui, &[*k], facts, actions);
+                instance(ui, *k, name, editor, actions);
+                false
             }
-        });
+        })
+        .inner
+    }
+
+    /// The line of a kind of objects; true if it was folded or unfolded.
+    fn kind(
+        &mut self,
+        ui: &mut Ui,
+        (template, name, members): (u32, &str, &[usize]),
+        editor: &Editor,
+        actions: &mut Vec<Action>,
+    ) -> bool {
+        let unfolded = self.unfolded.contains(&template);
+        let caret = if unfolded { icon::CARET_DOWN } else { icon::CARET_RIGHT };
+        let folds = ui.add(Button::new(caret).frame(false)).on_hover_text(texts::UNFOLD_TIP).clicked();
+        if folds && !self.unfolded.remove(&template) {
+            self.unfolded.insert(template);
+        }
+        if self.renaming.as_ref().is_some_and(|(renamed, _)| *renamed == template) {
+            self.rename(ui, actions);
+            return folds;
+        }
+        let text = RichText::new(format!("{name}  ({})", members.len())).strong();
+        let response = ui.add(Button::selectable(holds(editor.chosen(), members), text).truncate());
+        if response.double_clicked() {
+            self.renaming = Some((template, name.to_owned()));
+        } else if response.clicked() {
+            let more = ui.input(|input| input.modifiers.shift || input.modifiers.command);
+            actions.push(Action::Choose(members.to_vec(), more));
+        }
+        eye_and_lock(ui, members, editor, actions);
+        if ui.add(Button::new(icon::PENCIL_SIMPLE).frame(false)).on_hover_text(texts::RENAME_TIP).clicked() {
+            self.renaming = Some((template, name.to_owned()));
+        }
+        folds
     }
 
     /// The field of a new name; Enter takes it, Esc does not.
@@ -161,10 +188,29 @@ impl Outliner {
     }
 }
 
+/// The line of an instance.
+fn instance(ui: &mut Ui, k: usize, name: &str, editor: &Editor, actions: &mut Vec<Action>) {
+    ui.add_space(22.0);
+    let response = ui.add(Button::selectable(editor.chosen().contains(&k), name).truncate());
+    if response.clicked() {
+        let more = ui.input(|input| input.modifiers.shift || input.modifiers.command);
+        actions.push(if more { Action::Toggle(k) } else { Action::Choose(vec![k], false) });
+    }
+    if response.double_clicked() {
+        actions.push(Action::Frame);
+    }
+    eye_and_lock(ui, &[k], editor, actions);
+}
+
+/// True if all of some instances are in a set.
+fn holds(set: &BTreeSet<usize>, members: &[usize]) -> bool {
+    set.len() >= members.len() && members.iter().all(|k| set.contains(k))
+}
+
 /// Buttons that hide and lock instances; they show what these are.
-fn eye_and_lock(ui: &mut Ui, members: &[usize], facts: &Facts<'_>, actions: &mut Vec<Action>) {
-    let hidden = members.iter().all(|k| facts.editor.hidden().contains(k));
-    let locked = members.iter().all(|k| facts.editor.locked().contains(k));
+fn eye_and_lock(ui: &mut Ui, members: &[usize], editor: &Editor, actions: &mut Vec<Action>) {
+    let hidden = holds(editor.hidden(), members);
+    let locked = holds(editor.locked(), members);
     let eye = if hidden { icon::EYE_SLASH } else { icon::EYE };
     if ui.add(Button::new(eye).frame(false)).on_hover_text(texts::EYE_TIP).clicked() {
         actions.push(Action::SetHidden(members.to_vec(), !hidden));
@@ -179,6 +225,7 @@ fn eye_and_lock(ui: &mut Ui, members: &[usize], facts: &Facts<'_>, actions: &mut
 mod tests {
     use super::*;
     use instgs_samples::sample_scene;
+    use instgs_vk::scene::edit::Selector;
 
     #[test]
     fn kinds_are_listed_and_instances_found_by_name() {
@@ -195,5 +242,55 @@ mod tests {
         assert!(matches!(&found[..], [Row::Kind { .. }, Row::Instance { name: one, .. }] if *one == name), "{found:?}");
         list.search = "no such thing".into();
         assert_eq!(list.rows(&scene), []);
+    }
+
+    /// A scene of many instances of one kind, which is unfolded.
+    fn many(count: usize) -> (InstancedScene, Outliner) {
+        let mut scene = sample_scene();
+        scene.instances = vec![scene.instances[0].clone(); count];
+        let template = scene.instances[0].template;
+        (scene, Outliner { unfolded: [template].into(), ..Outliner::default() })
+    }
+
+    fn names(listed: &Listed) -> usize {
+        listed.rows.iter().filter(|row| matches!(row, Row::Instance { .. })).count()
+    }
+
+    #[test]
+    fn the_list_is_made_anew_only_when_it_is_out_of_date() {
+        let (mut scene, mut list) = many(50);
+        let mut editor = Editor::default();
+        let listed = list.take_listed(&scene, &editor);
+        let (rows, count) = (listed.rows.as_ptr(), names(&listed));
+        list.listed = Some(listed);
+        let again = list.take_listed(&scene, &editor);
+        assert!(again.rows.as_ptr() == rows && count == 50);
+        list.listed = Some(again);
+        editor.apply(&mut scene, &Edit::Delete { which: Selector::Indices(vec![3, 4]) }).unwrap();
+        assert_eq!(names(&list.take_listed(&scene, &editor)), 48);
+    }
+
+    /// Prints what a frame of the panel takes, with the list of the last frame and with a new one in each.
+    #[test]
+    #[ignore = "a measurement; docs/measurements.md has the figures"]
+    #[allow(clippy::print_stdout, reason = "what was measured, with --nocapture")]
+    fn frames_of_ten_thousand_instances() {
+        for anew in [true, false] {
+            let (scene, mut list) = many(10_000);
+            let (editor, ctx) = (Editor::default(), egui::Context::default());
+            let mut times = Vec::new();
+            for _ in 0..200 {
+                if anew {
+                    list.listed = None;
+                }
+                let start = std::time::Instant::now();
+                let output = ctx.run(egui::RawInput::default(), |ctx| {
+                    egui::Window::new("list").show(ctx, |ui| list.contents(ui, &scene, &editor, &mut Vec::new()));
+                });
+                assert!(!output.shapes.is_empty());
+                times.push(1e3 * start.elapsed().as_secs_f64());
+            }
+            println!("new list in each frame: {anew}: {:.2} ms", instgs_vk::math::statistics::median(&times));
+        }
     }
 }

@@ -4,6 +4,7 @@ use egui::{CollapsingHeader, Grid, Ui};
 
 use super::{Facts, WIDTH, readable};
 use crate::scene_viewer::PixelTimes;
+use crate::texts;
 use instgs_vk::math::digits::grouped;
 
 /// Lays out the statistics.
@@ -11,10 +12,9 @@ pub(super) fn lay_out(ui: &mut Ui, facts: &Facts<'_>) {
     let [width, height] = facts.size_px;
     ui.set_min_width(WIDTH);
     ui.strong(facts.title);
-    ui.label(format!("{width} x {height}, {}", facts.device));
+    ui.label(texts::size_and_device([width, height], facts.device));
     if let Some(rate) = facts.clock.rate() {
-        let (median, slow) = (rate.median_ms, rate.slow_ms);
-        ui.label(format!("{:.1} FPS: {median:.1} ms a frame, the slowest 1 % {slow:.1} ms", 1e3 / median));
+        ui.label(texts::frame_times(rate.median_ms, rate.slow_ms));
     }
     graph(ui, &facts.clock.times_ms().collect::<Vec<f64>>());
     let (scene, stats) = (facts.scene, facts.stats);
@@ -26,21 +26,21 @@ pub(super) fn lay_out(ui: &mut Ui, facts: &Facts<'_>) {
             ui.label(value);
             ui.end_row();
         };
-        row("Instances", grouped(scene.instances.len() as u64));
-        row("Templates", grouped(scene.template_ranges.len() as u64));
-        row("Gaussians in the file", grouped(scene.source_len() as u64));
-        row("with every instance", grouped(copies));
-        row("drawn in this view", grouped(stats.visible));
-        row("parts of them in tiles", grouped(stats.intersections));
-        row("File", readable(facts.file_bytes));
-        row("Memory of the device", readable(device));
-        row("of it, the scene", readable(of_scene));
-        row("Templates", readable(scene.templates.tensor_bytes()));
-        row("Offsets of instances", readable(scene.offsets.tensor_bytes()));
-        row("Own Gaussians", readable(scene.own.tensor_bytes()));
-        row("Background", readable(scene.background.tensor_bytes()));
+        row(texts::INSTANCES, grouped(scene.instances.len() as u64));
+        row(texts::TEMPLATES, grouped(scene.template_ranges.len() as u64));
+        row(texts::STORED, grouped(scene.source_len() as u64));
+        row(texts::EXPANDED, grouped(copies));
+        row(texts::DRAWN, grouped(stats.visible));
+        row(texts::IN_TILES, grouped(stats.intersections));
+        row(texts::FILE, readable(facts.file_bytes));
+        row(texts::DEVICE_MEMORY, readable(device));
+        row(texts::SCENE_MEMORY, readable(of_scene));
+        row(texts::TEMPLATES, readable(scene.templates.tensor_bytes()));
+        row(texts::OFFSETS, readable(scene.offsets.tensor_bytes()));
+        row(texts::OWN, readable(scene.own.tensor_bytes()));
+        row(texts::BACKGROUND, readable(scene.background.tensor_bytes()));
     });
-    CollapsingHeader::new("Times of the device").show(ui, |ui| passes(ui, facts));
+    CollapsingHeader::new(texts::DEVICE_TIMES).show(ui, |ui| passes(ui, facts));
 }
 
 /// Draws the frame times as a line graph that starts at 0.
@@ -63,13 +63,13 @@ fn passes(ui: &mut Ui, facts: &Facts<'_>) {
     Grid::new("passes").num_columns(2).striped(true).show(ui, |ui| {
         let mut row = |name: &str, ms: f64| {
             ui.label(name);
-            ui.label(format!("{ms:.3} ms"));
+            ui.label(texts::milliseconds(ms));
             ui.end_row();
         };
         sums.iter().for_each(|&(name, ms)| row(name, ms));
-        row("all scene passes", all);
+        row(texts::ALL_PASSES, all);
         let PixelTimes { present_ms, ui_ms } = facts.pixel_times;
-        for (name, ms) in [("present", present_ms), ("interface", ui_ms)] {
+        for (name, ms) in [(texts::TO_SCREEN, present_ms), (texts::INTERFACE, ui_ms)] {
             ms.into_iter().for_each(|ms| row(name, ms));
         }
     });

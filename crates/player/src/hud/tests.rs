@@ -3,6 +3,7 @@
 use egui::{Pos2, Rect, vec2};
 
 use super::*;
+use crate::panel_texts::{PanelText, texts_of};
 use crate::resolution::Resolution;
 use instgs_samples::sample_scene;
 use instgs_vk::scene::trajectory::Orbit;
@@ -61,6 +62,7 @@ impl Desk {
                     recent: &["/scenes/room.instgs".into()],
                     work: None,
                     boxes: false,
+                    split: false,
                 };
                 let settings = Settings {
                     navigator,
@@ -80,22 +82,11 @@ impl Desk {
 
 /// Texts that are cut off by their panel or by the window, with what can be seen of them.
 fn cut_off(shapes: &[egui::epaint::ClippedShape], size: egui::Vec2) -> Vec<String> {
-    fn collect(shape: &egui::Shape, clip: Rect, out: &mut Vec<String>) {
-        match shape {
-            egui::Shape::Text(text) => {
-                let rect = text.galley.rect.translate(text.pos.to_vec2());
-                // A hair for rounding to pixels.
-                if !text.galley.text().trim().is_empty() && !clip.expand(1.0).contains_rect(rect) {
-                    out.push(format!("{:?} at {rect} in {clip}", text.galley.text()));
-                }
-            }
-            egui::Shape::Vec(shapes) => shapes.iter().for_each(|shape| collect(shape, clip, out)),
-            _ => {}
-        }
-    }
-    let (mut out, window) = (Vec::new(), Rect::from_min_size(Pos2::ZERO, size));
-    shapes.iter().for_each(|clipped| collect(&clipped.shape, clipped.clip_rect.intersect(window), &mut out));
-    out
+    let window = Rect::from_min_size(Pos2::ZERO, size);
+    // A hair for rounding to pixels.
+    let is_cut = |text: &PanelText| !text.clip.intersect(window).expand(1.0).contains_rect(text.rect);
+    let cut = texts_of(shapes).into_iter().filter(is_cut);
+    cut.map(|text| format!("{:?} at {} in {}", text.text, text.rect, text.clip)).collect()
 }
 
 const PANELS: [Panel; 8] = [
@@ -111,15 +102,7 @@ const PANELS: [Panel; 8] = [
 
 /// All texts, sorted: those that are scrolled out of a panel are not among the shapes.
 fn texts(shapes: &[egui::epaint::ClippedShape]) -> Vec<String> {
-    fn collect(shape: &egui::Shape, out: &mut Vec<String>) {
-        match shape {
-            egui::Shape::Text(text) => out.push(text.galley.text().to_owned()),
-            egui::Shape::Vec(shapes) => shapes.iter().for_each(|shape| collect(shape, out)),
-            _ => {}
-        }
-    }
-    let mut out = Vec::new();
-    shapes.iter().for_each(|clipped| collect(&clipped.shape, &mut out));
+    let mut out: Vec<String> = texts_of(shapes).into_iter().map(|text| text.text).collect();
     out.sort();
     out
 }
@@ -152,6 +135,25 @@ fn nothing_is_cut_off() {
     // The test can fail: in a small window the help is scrolled.
     let size = vec2(640.0, 360.0);
     assert_ne!(texts(&shapes_of(Panel::Help, size)), texts(&shapes_of(Panel::Help, endless(size))));
+}
+
+/// A long panel uses the height that the window has.
+#[test]
+fn a_panel_scrolls_only_what_the_window_has_no_room_for() {
+    for (height, fits) in [(720.0, true), (360.0, false)] {
+        let (ctx, mut shapes) = (Context::default(), Vec::new());
+        for k in 0..6 {
+            let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, vec2(1280.0, height)));
+            let input = egui::RawInput { screen_rect, time: Some(0.5 * f64::from(k)), ..egui::RawInput::default() };
+            let output = ctx.run(input, |ctx| {
+                panel(ctx, texts::VIEW, Place::of(ctx, Align2::RIGHT_TOP), &mut true, |ui| {
+                    (0..30).for_each(|line| drop(ui.label(line.to_string())));
+                });
+            });
+            shapes = output.shapes;
+        }
+        assert_eq!(texts(&shapes).contains(&"29".to_owned()), fits, "{height}");
+    }
 }
 
 /// On a screen of twice the pixels, 1280x720 are 640x360 points: panels stay inside the window, and their rest is scrolled.

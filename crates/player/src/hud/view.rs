@@ -36,26 +36,27 @@ pub(super) fn lay_out(
     });
     ui.horizontal(|ui| {
         ui.label(texts::LOOK_ALONG);
-        for (name, along) in [("X", DVec3::NEG_X), ("Y", DVec3::NEG_Y), ("Z", DVec3::NEG_Z), (texts::UP, -facts.up)] {
+        for (name, along) in
+            [(texts::X, DVec3::NEG_X), (texts::Y, DVec3::NEG_Y), (texts::Z, DVec3::NEG_Z), (texts::UP, -facts.up)]
+        {
             if ui.button(name).clicked() {
                 actions.push(Action::LookAlong(along));
             }
         }
     });
-    let words = |px: f64, _| if px > 0.0 { format!("{px:.1} px") } else { "off".into() };
-    let slider = Slider::new(lod_error_px, 0.0..=8.0).step_by(0.5).custom_formatter(words);
+    let slider = Slider::new(lod_error_px, 0.0..=8.0).step_by(0.5).custom_formatter(|px, _| texts::pixels_or_off(px));
     ui.add(slider.text(texts::DETAIL));
     let mut limited = budget_ms.is_some();
     ui.horizontal(|ui| {
         ui.checkbox(&mut limited, texts::LOWER_RESOLUTION);
         let mut ms = budget_ms.unwrap_or(USUAL_BUDGET_MS);
-        ui.add_enabled(limited, DragValue::new(&mut ms).range(1.0..=1000.0).suffix(" ms"));
+        ui.add_enabled(limited, DragValue::new(&mut ms).range(1.0..=1000.0).suffix(texts::MS));
         *budget_ms = limited.then_some(ms);
     });
     ui.horizontal(|ui| {
         ui.label(texts::PRESENTATION);
         for value in PresentMode::ALL {
-            ui.selectable_value(present, value, value.name());
+            ui.selectable_value(present, value, texts::present_mode(value));
         }
     });
     ui.separator();
@@ -71,7 +72,7 @@ pub(super) fn lay_out(
         ui.label(texts::SIZE_OF_TEXT);
         let now = ui.ctx().zoom_factor();
         for size in SIZES {
-            let text = format!("{:.0} %", 100.0 * size);
+            let text = texts::percent(size);
             if ui.selectable_label((now - size).abs() < 0.01, text).clicked() {
                 ui.ctx().set_zoom_factor(size);
             }

@@ -64,28 +64,28 @@ impl Desk {
 #[test]
 fn buttons_and_rows_ask_for_what_they_say() {
     for (text, want) in [
-        ("undo", BoxAction::Undo),
-        ("close", BoxAction::Leave),
-        ("find the rest (F)", BoxAction::Find),
-        ("other sizes too (O)", BoxAction::OtherSizes(true)),
-        ("x", BoxAction::Remove(2)),
+        ("Undo", BoxAction::Undo),
+        ("Close", BoxAction::Leave),
+        ("Find the rest (F)", BoxAction::Find),
+        ("Other sizes too (O)", BoxAction::OtherSizes(true)),
+        (icon::X, BoxAction::Remove(2)),
         ("2: no category, like 1", BoxAction::Choose(1)),
-        ("turn", BoxAction::Mode(GizmoMode::Turn)),
-        ("save", BoxAction::Save("x.boxes.json".into())),
+        ("Rotate", BoxAction::Mode(GizmoMode::Turn)),
+        ("Save", BoxAction::Save("x.boxes.json".into())),
     ] {
         assert_eq!(Desk::new().click(text), [want]);
     }
-    assert_eq!(Desk::new().click("redo"), [], "nothing to do again");
+    assert_eq!(Desk::new().click("Redo"), [], "nothing to do again");
     let mut searching = Desk { searched: Some(0.3), ..Desk::new() };
     searching.pictures(vec![Vec::new(); 2]);
-    assert_eq!(searching.click("cancel"), [BoxAction::CancelSearch]);
-    assert_eq!(searching.click("other sizes too (O)"), [], "a search goes on as it began");
+    assert_eq!(searching.click("Cancel"), [BoxAction::CancelSearch]);
+    assert_eq!(searching.click("Other sizes too (O)"), [], "a search goes on as it began");
     assert!(searching.screen.says("Searching for"));
 }
 
 #[test]
 fn a_dragged_number_is_one_step() {
-    for label in ["centre", "size", "turn"] {
+    for label in ["Centre", "Size", "Rotation"] {
         let mut desk = Desk::new();
         let before = desk.list.boxes()[0].object.clone();
         // The handles have a label of the same name, below.
@@ -96,7 +96,7 @@ fn a_dragged_number_is_one_step() {
         let after = &desk.list.boxes()[0].object;
         let changed =
             [before.center != after.center, before.size != after.size, before.world_from_box != after.world_from_box];
-        assert_eq!(changed, ["centre", "size", "turn"].map(|name| name == label));
+        assert_eq!(changed, ["Centre", "Size", "Rotation"].map(|name| name == label));
         assert_eq!(desk.list.steps(), [3, 0]);
     }
 }

@@ -15,7 +15,7 @@ fn template_name(facts: &EditFacts<'_>, template: u32) -> String {
     let group = facts.scene.groups.iter().find(|group| group.template_id == template);
     let count = facts.scene.template_ranges[template as usize].count;
     let name = group.and_then(|group| group.name.clone());
-    name.map_or_else(|| format!("template {template} ({count})"), |name| format!("{name} ({count})"))
+    format!("{} ({count})", name.unwrap_or_else(|| texts::template(template)))
 }
 
 /// The choice of another template, and buttons for own Gaussians.
@@ -57,7 +57,7 @@ pub(super) fn own_and_template(ui: &mut Ui, facts: &EditFacts<'_>, first: usize,
 pub(super) fn arrange(ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
     let Some(which) = facts.editor.selector() else { return };
     let count = facts.editor.chosen().len();
-    let axes = [("X", DVec3::X), ("Y", DVec3::Y), ("Z", DVec3::Z), (texts::UP, facts.up)];
+    let axes = [(texts::X, DVec3::X), (texts::Y, DVec3::Y), (texts::Z, DVec3::Z), (texts::UP, facts.up)];
     let mut row = |ui: &mut Ui, label: &str, least: usize, edit: &dyn Fn(DVec3) -> Edit| {
         ui.horizontal(|ui| {
             ui.label(label);

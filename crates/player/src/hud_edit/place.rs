@@ -4,6 +4,7 @@ use egui::{DragValue, Ui};
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 
 use super::{Action, EditFacts, EditPanel};
+use crate::texts;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::edit::{Edit, Selector, Turn, instance_centres};
 
@@ -37,7 +38,7 @@ impl EditPanel {
         let which = Selector::Index(k);
         let mut at = instance_centres(facts.scene, [k])[0].to_array();
         let id = ui.id().with("position");
-        if three(ui, "Position", &mut at, facts.step, "") {
+        if three(ui, texts::POSITION, &mut at, facts.step, "") {
             self.change(id, Edit::MoveTo { which: which.clone(), to: DVec3::from_array(at) }, actions);
         }
         // Edits of a drag start from the scene as it was before the drag.
@@ -45,7 +46,7 @@ impl EditPanel {
         let begin = |id| if live == Some(id) { facts.editor.place_before(facts.scene, k) } else { now };
         let id = ui.id().with("rotation");
         let mut degrees = euler_degrees(&now);
-        if three(ui, "Rotation", &mut degrees, DEGREES_PER_POINT, "°") {
+        if three(ui, texts::ROTATION, &mut degrees, DEGREES_PER_POINT, texts::DEGREES) {
             let turn = turn_between(&begin(id), degrees);
             self.change(id, Edit::Rotate { which: which.clone(), turn }, actions);
         }
@@ -54,7 +55,7 @@ impl EditPanel {
         let speed = SCALE_PER_POINT * scale;
         // A scene may contain scales outside of the range that can be typed.
         let value = DragValue::new(&mut scale).speed(speed).range(SCALES).clamp_existing_to_range(false);
-        if one(ui, "Scale", value) {
+        if one(ui, texts::SCALE, value) {
             let by = scale / begin(id).scale();
             self.change(id, Edit::Scale { which, by }, actions);
         }
@@ -65,17 +66,17 @@ impl EditPanel {
         let Some(which) = facts.editor.selector() else { return };
         let mut to = self.relative;
         let none = Relative::default();
-        if three(ui, "Move by", &mut to.by, facts.step, "") {
+        if three(ui, texts::MOVE_BY, &mut to.by, facts.step, "") {
             self.relative = Relative { by: to.by, ..none };
             let by = DVec3::from_array(to.by);
             self.change(ui.id().with("move by"), Edit::MoveBy { which: which.clone(), by }, actions);
         }
-        if one(ui, "Rotate by", DragValue::new(&mut to.yaw).speed(DEGREES_PER_POINT).suffix("°")) {
+        if one(ui, texts::ROTATE_BY, DragValue::new(&mut to.yaw).speed(DEGREES_PER_POINT).suffix(texts::DEGREES)) {
             self.relative = Relative { yaw: to.yaw, ..none };
             let turn = Turn { axis: facts.up, angle: to.yaw.to_radians() };
             self.change(ui.id().with("turn by"), Edit::Rotate { which: which.clone(), turn }, actions);
         }
-        if one(ui, "Scale by", DragValue::new(&mut to.scale).speed(SCALE_PER_POINT).range(SCALES)) {
+        if one(ui, texts::SCALE_BY, DragValue::new(&mut to.scale).speed(SCALE_PER_POINT).range(SCALES)) {
             self.relative = Relative { scale: to.scale, ..none };
             self.change(ui.id().with("scale by"), Edit::Scale { which, by: to.scale }, actions);
         }
@@ -105,7 +106,8 @@ pub(crate) fn one(ui: &mut Ui, label: &str, value: DragValue<'_>) -> bool {
 /// Euler angles in degrees: rotations about x, y and z, each in the frame rotated by those before it.
 fn euler_degrees(place: &Similarity) -> [f64; 3] {
     let (x, y, z) = DQuat::from_mat3(&place.rotation()).to_euler(EulerRot::XYZ);
-    [x, y, z].map(f64::to_degrees)
+    // A rounding error of f32 would show as "-0.0".
+    [x, y, z].map(|angle| (1e6 * angle.to_degrees()).round() / 1e6 + 0.0)
 }
 
 /// The rotation from a pose's present angles to the given ones.

@@ -124,16 +124,19 @@ impl EditPanel {
                 ui.horizontal(|ui| values.into_iter().for_each(|value| drop(ui.add(value))));
                 ui.end_row();
             };
-            row("Copies", vec![DragValue::new(&mut fields.count).range(1..=MOST)]);
+            row(texts::COPIES, vec![DragValue::new(&mut fields.count).range(1..=MOST)]);
             let [width, depth] = &mut fields.extent;
             let length = |value| DragValue::new(value).speed(facts.step).range(0.0..=f64::MAX).max_decimals(3);
             if over == Over::Area {
-                row("Width, depth", vec![length(width), length(depth)]);
+                row(texts::WIDTH_DEPTH, vec![length(width), length(depth)]);
             }
             if over != Over::Path {
-                row("Least distance", vec![length(&mut fields.distance)]);
-                row("Random rotation", vec![DragValue::new(&mut fields.turn).range(0.0..=360.0).suffix("°")]);
-                row("Seed", vec![DragValue::new(&mut fields.seed)]);
+                row(texts::LEAST_DISTANCE, vec![length(&mut fields.distance)]);
+                row(
+                    texts::RANDOM_ROTATION,
+                    vec![DragValue::new(&mut fields.turn).range(0.0..=360.0).suffix(texts::DEGREES)],
+                );
+                row(texts::SEED, vec![DragValue::new(&mut fields.seed)]);
             }
         });
         if !fields.preview {

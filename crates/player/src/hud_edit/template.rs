@@ -54,7 +54,7 @@ impl EditPanel {
         let shift = &mut self.shift;
         let mut colour = shift.rgb.map(|v| (MIDDLE + 255.0 * v).round() as u8);
         let changed = ui.horizontal(|ui| {
-            ui.label("Shift");
+            ui.label(texts::SHIFT);
             let mut changed = ui.color_edit_button_srgb(&mut colour).changed();
             if changed {
                 shift.rgb = colour.map(|v| (f32::from(v) - MIDDLE) / 255.0);
@@ -64,7 +64,7 @@ impl EditPanel {
             }
             changed
         });
-        ui.checkbox(&mut shift.whole_template, format!("all instances of template {template}"));
+        ui.checkbox(&mut shift.whole_template, texts::all_of_template(template));
         if changed.inner {
             let which = selector(facts, shift.whole_template.then_some(template));
             // The edits of a drag start from the shift that was completed before it.
@@ -83,15 +83,13 @@ impl EditPanel {
     ) {
         let template = facts.scene.instances[first].template;
         let Some(bounds) = bounds(facts.scene, template) else {
-            ui.label(format!("template {template} has no Gaussians"));
+            ui.label(texts::empty_template(template));
             return;
         };
-        ui.label(format!(
-            "Changes all instances of template {template}. Coordinates are those of the template's frame."
-        ));
+        ui.label(texts::changes_all_of(template));
         match self.crop.take() {
             None => {
-                if ui.button("Crop with a box").clicked() {
+                if ui.button(texts::CROP).clicked() {
                     let id = ui.id().with("crop");
                     self.crop = Some(CropFields { id, template, bounds, corners: bounds, keep: Keep::Inside });
                 }
@@ -103,9 +101,9 @@ impl EditPanel {
         if self.brush.radius <= 0.0 {
             self.brush.radius = BRUSH_PART * size;
         }
-        ui.checkbox(&mut self.brush.on, "Erase by clicking and dragging");
+        ui.checkbox(&mut self.brush.on, texts::ERASE);
         ui.horizontal(|ui| {
-            ui.label("Radius");
+            ui.label(texts::RADIUS);
             let least = 1e-6 * size.max(1e-6);
             let radius = DragValue::new(&mut self.brush.radius).speed(2e-3 * size).range(least..=10.0 * size);
             ui.add(radius.max_decimals(4));
@@ -116,23 +114,23 @@ impl EditPanel {
     fn go_on_cropping(&mut self, ui: &mut Ui, mut crop: CropFields, actions: &mut Vec<Action>) -> Option<CropFields> {
         let mut changed = false;
         let [low, high] = &mut crop.corners;
-        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        for (axis, name) in [texts::X, texts::Y, texts::Z].into_iter().enumerate() {
             let range = crop.bounds[0][axis]..=crop.bounds[1][axis];
             let mut slider = |value: &mut f64, end: &str| {
                 ui.add(Slider::new(value, range.clone()).text(format!("{name} {end}"))).changed()
             };
-            if slider(&mut low[axis], "from") {
+            if slider(&mut low[axis], texts::FROM) {
                 high[axis] = high[axis].max(low[axis]);
                 changed = true;
             }
-            if slider(&mut high[axis], "to") {
+            if slider(&mut high[axis], texts::TO) {
                 low[axis] = low[axis].min(high[axis]);
                 changed = true;
             }
         }
         ui.horizontal(|ui| {
-            changed |= ui.selectable_value(&mut crop.keep, Keep::Inside, "keep inside").changed();
-            changed |= ui.selectable_value(&mut crop.keep, Keep::Outside, "remove inside").changed();
+            changed |= ui.selectable_value(&mut crop.keep, Keep::Inside, texts::KEEP_INSIDE).changed();
+            changed |= ui.selectable_value(&mut crop.keep, Keep::Outside, texts::REMOVE_INSIDE).changed();
         });
         if changed {
             let CropFields { id, template, corners, keep, .. } = crop;

@@ -175,7 +175,7 @@ fn a_crop_is_one_step_or_none() {
         desk.click("Edit the template");
         desk.click("Crop with a box");
         // Sliders are left of their texts; a press in the middle sets them.
-        let slider = desk.place("x from").left_center() - egui::vec2(110.0, 0.0);
+        let slider = desk.place("X from").left_center() - egui::vec2(110.0, 0.0);
         let actions: Vec<Action> = [true, false].into_iter().flat_map(|pressed| desk.press(slider, pressed)).collect();
         assert!(
             actions.iter().any(|action| matches!(action, Action::Live(Edit::Crop { template: 0, .. }))),

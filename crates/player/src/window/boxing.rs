@@ -14,6 +14,7 @@ use crate::boxes::BoxList;
 use crate::error::PlayerError;
 use crate::hud_boxes::{BoxAction, BoxFacts, BoxPanel, paint_boxes};
 use crate::search::Search;
+use crate::texts;
 use instgs_io::write_boxes;
 use instgs_objects::segment::standing::{Standing, Surroundings, UprightBox};
 use instgs_vk::scene::{Boxes, ObjectBox};
@@ -152,13 +153,11 @@ impl Live {
         let there = at_edge.or_else(|| self.input.boxing.list.containing(place?));
         match (there, place) {
             (Some(index), _) if self.input.controls.shift => self.input.boxing.list.remove(index),
-            (None, _) if self.input.controls.shift => self.says("there is no box here to remove"),
+            (None, _) if self.input.controls.shift => self.says(texts::NO_BOX_HERE),
             (Some(index), _) => self.input.boxing.list.choose(Some(index)),
             (None, None) => self.input.boxing.list.choose(None),
             (None, Some(place)) => match self.instance_at(at_px)? {
-                Some(k) => {
-                    self.says(format!("this is instance {k} already: boxes are for objects that are not instances yet"))
-                }
+                Some(k) => self.says(texts::is_an_instance(k)),
                 None => self.box_around(place),
             },
         }
@@ -192,11 +191,11 @@ impl Live {
             Standing::Unclear(usual) => {
                 self.input.boxing.list.draw(object_of(usual));
                 self.input.boxing.drew = true;
-                self.says("the object cannot be separated from its surroundings: drag the dots until the box fits");
+                self.says(texts::UNCLEAR_OBJECT);
             }
             Standing::Ground => {
                 self.input.boxing.list.choose(None);
-                self.says("this is the ground: click an object that stands on it");
+                self.says(texts::IS_GROUND);
             }
         }
     }
@@ -261,7 +260,7 @@ impl Live {
     pub(super) fn save_boxes(&mut self, path: &Path) {
         self.box_let_go();
         if self.input.boxing.list.boxes().is_empty() {
-            return self.says("there are no boxes to save");
+            return self.says(texts::NO_BOXES);
         }
         let written = write_boxes(path, &self.input.boxing.list.to_file());
         if written.is_ok() {
@@ -271,8 +270,7 @@ impl Live {
         }
         let [drawn, found] = self.input.boxing.list.counts();
         self.says(match written {
-            Ok(()) if drawn + found == 1 => format!("1 box saved to {}", path.display()),
-            Ok(()) => format!("{} boxes saved to {}", drawn + found, path.display()),
+            Ok(()) => texts::boxes_saved(drawn + found, path),
             Err(error) => error.to_string(),
         });
     }
@@ -313,12 +311,12 @@ impl Live {
                 BoxAction::Finish => list.finish(),
                 BoxAction::Undo => {
                     if !list.undo() {
-                        self.says("there is nothing to undo");
+                        self.says(texts::NOTHING_TO_UNDO);
                     }
                 }
                 BoxAction::Redo => {
                     if !list.redo() {
-                        self.says("there is nothing to redo");
+                        self.says(texts::NOTHING_TO_REDO);
                     }
                 }
                 BoxAction::Choose(index) => list.choose(Some(index)),

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use winit::keyboard::KeyCode;
 
-use super::{Live, WindowJob};
+use super::{Live, split};
 use crate::actions::{Action, Panel};
 use crate::error::{ChangeError, PlayerError};
 use crate::gizmo::{Drag, Gizmo, GizmoMode, Handle};
@@ -97,10 +97,14 @@ impl Live {
 
     /// The pointer moved, maybe over the overlay; true if that changes what is drawn.
     pub(super) fn hover(&mut self, over_interface: bool) -> bool {
+        let at = self.input.controls.pointer_px();
+        if self.split.as_mut().is_some_and(|split| split.follow(at)) {
+            return true;
+        }
         if self.input.boxing.on {
             return self.box_hover(over_interface);
         }
-        let (at, has_brush) = (self.input.controls.pointer_px(), self.has_brush());
+        let has_brush = self.has_brush();
         match &mut self.input.editing.grip {
             Some(Grip::Handle(_)) => return true,
             Some(Grip::Brush(stroke)) => {
@@ -123,6 +127,10 @@ impl Live {
     pub(super) fn grab(&mut self) -> Result<bool, PlayerError> {
         self.let_go()?;
         self.input.controls.forget_hold();
+        let at = self.input.controls.pointer_px();
+        if self.split.as_mut().is_some_and(|split| split.grab(at)) {
+            return Ok(true);
+        }
         if self.input.controls.shift {
             // A click adds to the selection, a drag pans.
             return Ok(false);
@@ -211,7 +219,8 @@ impl Live {
         if held {
             self.session.viewer.editor_mut().finish();
         }
-        Ok(held | self.box_let_go())
+        let line = self.split.as_mut().is_some_and(split::Split::let_go);
+        Ok(held | line | self.box_let_go())
     }
 
     /// Reverts the drag or the change that waits for a button, or turns the brush off; false if there was none of them.
@@ -230,7 +239,7 @@ impl Live {
     }
 
     /// Carries out the panel's actions.
-    pub(super) fn act(&mut self, actions: Vec<Action>, job: &WindowJob) -> Result<(), PlayerError> {
+    pub(super) fn act(&mut self, actions: Vec<Action>) -> Result<(), PlayerError> {
         for action in actions {
             match action {
                 Action::Edit(edit) => {
@@ -265,9 +274,10 @@ impl Live {
                 Action::Toggle(k) => self.session.viewer.editor_mut().click(Some(k), true),
                 Action::TogglePanel(panel) => self.toggle_panel(panel),
                 Action::Boxes => self.toggle_boxes()?,
+                Action::Split => self.toggle_split()?,
                 Action::Save => self.write_beside(&self.session.save_path()),
                 Action::Write(path) => self.write_beside(&path),
-                Action::Open(path) => self.ask_and_open(&path, job)?,
+                Action::Open(path) => self.ask_and_open(&path)?,
                 Action::CancelWork => self.cancel_work(),
                 Action::Draw { take, size_px, frames } => self.draw_frames(take, size_px, frames),
                 Action::Frame
@@ -369,11 +379,11 @@ impl Live {
                 Ok(true) => {}
                 Ok(false) => {
                     let nothing = match code {
-                        KeyCode::KeyH => "hide or show",
-                        KeyCode::KeyL => "unlock",
-                        _ => "undo or redo",
+                        KeyCode::KeyH => texts::NOTHING_TO_HIDE,
+                        KeyCode::KeyL => texts::NOTHING_TO_UNLOCK,
+                        _ => texts::NOTHING_TO_UNDO_OR_REDO,
                     };
-                    self.hud.message = Some(format!("there is nothing to {nothing}"));
+                    self.hud.message = Some(nothing.into());
                 }
                 Err(error) => self.hud.message = Some(error.notice()?),
             }

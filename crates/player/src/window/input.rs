@@ -5,10 +5,11 @@ use winit::keyboard::{Key, KeyCode, PhysicalKey};
 use winit::window::Fullscreen;
 
 use super::keeping::step;
-use super::{After, Live, WindowJob};
+use super::{After, Live};
 use crate::actions::{Action, Panel};
 use crate::controls::{Button, FlightKey};
 use crate::error::PlayerError;
+use crate::texts;
 use crate::views::View;
 
 /// Points of a touch pad's scroll that count as one step of a wheel.
@@ -18,7 +19,7 @@ const SPEED_STEP: f64 = 1.5;
 
 impl Live {
     /// Handles one event and returns whether to redraw.
-    pub(super) fn event(&mut self, event: &WindowEvent, job: &WindowJob) -> Result<After, PlayerError> {
+    pub(super) fn event(&mut self, event: &WindowEvent) -> Result<After, PlayerError> {
         let response = self.screen.ui.on_window_event(&self.screen.window, event);
         let height = f64::from(self.screen.swapchain.size_px()[1]);
         let changed = match event {
@@ -55,6 +56,15 @@ impl Live {
                 self.camera.navigator.zoom(steps, self.input.controls.pointer_px(), self.screen.swapchain.size_px());
                 steps != 0.0
             }
+            WindowEvent::PinchGesture { delta, .. } if !response.consumed => {
+                let (at_px, size_px) = (self.input.controls.pointer_px(), self.screen.swapchain.size_px());
+                self.camera.navigator.pinch(*delta, at_px, size_px);
+                true
+            }
+            WindowEvent::PanGesture { delta, .. } if !response.consumed => {
+                self.camera.navigator.orbit([delta.x, delta.y].map(f64::from), height);
+                true
+            }
             // A key that was already held when the window got focus was meant for another window.
             WindowEvent::KeyboardInput { event, is_synthetic, .. } if !(*is_synthetic && event.state.is_pressed()) => {
                 let Some(code) = code_of(event, self.input.controls.control) else { return Ok(After::Nothing) };
@@ -65,7 +75,7 @@ impl Live {
                 }
             }
             WindowEvent::DroppedFile(path) => {
-                self.ask_and_open(path, job)?;
+                self.ask_and_open(path)?;
                 true
             }
             _ => false,
@@ -74,14 +84,15 @@ impl Live {
     }
 
     /// Opens a file; if something is unsaved, asks first.
-    pub(super) fn ask_and_open(&mut self, path: &std::path::Path, job: &WindowJob) -> Result<(), PlayerError> {
+    pub(super) fn ask_and_open(&mut self, path: &std::path::Path) -> Result<(), PlayerError> {
         // The notice has the file's name, so that the second of two files dropped together does not count as the
         // confirmation.
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if self.asks_first(&format!("open {name} again to open it without saving")) {
+        if self.asks_first(&texts::open_again(&name)) {
             return Ok(());
         }
-        self.open_file(path, job)
+        self.read_beside(path);
+        Ok(())
     }
 
     fn button(&mut self, state: ElementState, button: MouseButton, consumed: bool) -> Result<bool, PlayerError> {
@@ -100,7 +111,8 @@ impl Live {
             return Ok(false);
         }
         let seconds = self.pacing.seconds();
-        if button == Button::Left && self.input.is_held() {
+        let held = self.input.is_held() || self.split.as_ref().is_some_and(|split| split.is_held());
+        if button == Button::Left && held {
             self.let_go()?;
             // A click on a handle drags nothing, and does not select what is behind the handle.
             return match self.input.controls.let_hold_go(seconds) {
@@ -207,7 +219,7 @@ impl Live {
             KeyCode::Escape if !self.session.viewer.editor().chosen().is_empty() => {
                 self.session.viewer.editor_mut().click(None, false);
             }
-            KeyCode::Escape => return Ok(self.leave("press Escape again to quit without saving")),
+            KeyCode::Escape => return Ok(self.leave(texts::ESCAPE_AGAIN)),
             KeyCode::KeyB => self.toggle_boxes()?,
             KeyCode::KeyF if self.input.boxing.on => self.find_rest(),
             KeyCode::KeyF => self.act_on_camera(&Action::Frame)?,
@@ -238,6 +250,7 @@ impl Live {
             KeyCode::KeyV => step(&mut self.camera.kept, 1, &mut self.camera.navigator, &mut self.hud),
             KeyCode::KeyC => self.keep_camera()?,
             KeyCode::KeyP => self.record_path(),
+            KeyCode::KeyK => self.toggle_split()?,
             KeyCode::F11 => {
                 let full = self.screen.window.fullscreen().is_none();
                 self.screen.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));

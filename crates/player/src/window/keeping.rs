@@ -10,6 +10,7 @@ use crate::error::PlayerError;
 use crate::hud::Hud;
 use crate::navigation::Navigator;
 use crate::recording::{PATH_FPS, Recording};
+use crate::texts;
 use instgs_io::{read_cameras, write_cameras};
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::edit::{Footprint, footprint, instance_centres};
@@ -30,7 +31,7 @@ impl Live {
     pub(super) fn keep_camera(&mut self) -> Result<(), PlayerError> {
         let path = cameras_path(&self.session.path);
         if let (true, true, Err(error)) = (self.camera.kept.list.is_empty(), path.exists(), read_cameras(&path)) {
-            self.hud.message = Some(format!("{error}; the file is not overwritten"));
+            self.hud.message = Some(texts::not_overwritten(&error));
             return Ok(());
         }
         let mut camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
@@ -41,7 +42,7 @@ impl Live {
         self.camera.kept.list.push(camera);
         self.camera.kept.at = None;
         self.hud.message = Some(match write_cameras(&path, &self.camera.kept.list) {
-            Ok(()) => format!("camera {} saved to {}", self.camera.kept.list.len(), path.display()),
+            Ok(()) => texts::camera_saved(self.camera.kept.list.len(), &path),
             Err(error) => error.to_string(),
         });
         Ok(())
@@ -94,7 +95,7 @@ impl Live {
     fn frame_chosen(&mut self) {
         let (scene, editor) = (self.session.viewer.scene(), self.session.viewer.editor());
         let Some(centre) = editor.chosen_centre(scene) else {
-            self.hud.message = Some(crate::texts::NOTHING_SELECTED.into());
+            self.hud.message = Some(texts::NOTHING_SELECTED.into());
             return;
         };
         let [_, _, up] = self.camera.navigator.level_axes();
@@ -131,16 +132,12 @@ impl Live {
     pub(super) fn record_path(&mut self) {
         let Some(recording) = self.camera.recording.take() else {
             self.camera.recording = Some(Recording::default());
-            self.hud.message = Some("recording the camera path: P stops".into());
+            self.hud.message = Some(texts::RECORDING.into());
             return;
         };
         let (path, cameras) = (self.session.free_name("path.json"), recording.cameras());
         self.hud.message = Some(match write_cameras(&path, &cameras) {
-            Ok(()) => format!(
-                "{} cameras, {PATH_FPS} per second: instgs-vk render --camera {}",
-                cameras.len(),
-                path.display()
-            ),
+            Ok(()) => texts::path_written(cameras.len(), PATH_FPS, &path),
             Err(error) => error.to_string(),
         });
     }
@@ -159,13 +156,13 @@ impl Live {
 pub(super) fn step(cameras: &mut CameraList, by: isize, navigator: &mut Navigator, hud: &mut Hud) {
     let CameraList { list, at } = cameras;
     if list.is_empty() {
-        hud.message = Some("there are no cameras to step through: start with --data DIR, or keep one with C".into());
+        hud.message = Some(texts::NO_CAMERAS_TO_STEP.into());
         return;
     }
     let next = stepped(*at, by, list.len());
     let camera = &list[next];
     navigator.stand_at(camera);
-    hud.message = Some(format!("camera {} of {}: {}", next + 1, list.len(), camera.name));
+    hud.message = Some(texts::camera_of(next + 1, list.len(), &camera.name));
     *at = Some(next);
 }
 

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::{After, Live};
+use crate::texts;
 use instgs_io::write_boxes;
 
 impl Live {
@@ -13,7 +14,7 @@ impl Live {
 
     /// Handles a request to close the window.
     pub(super) fn close(&mut self) -> After {
-        self.leave("close again to quit without saving")
+        self.leave(texts::CLOSE_AGAIN)
     }
 
     /// True if something is unsaved and the user has not just been warned; then displays that doing the same
@@ -24,9 +25,8 @@ impl Live {
             return false;
         }
         self.input.warned = Some(once_more.to_string());
-        let which =
-            if self.input.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
-        self.hud.message = Some(format!("{which}Ctrl+S saves them, or {once_more}"));
+        let which = if self.input.boxing.is_unsaved() { texts::BOXES_UNSAVED } else { texts::CHANGES_UNSAVED };
+        self.hud.message = Some(format!("{which}{once_more}"));
         true
     }
 

@@ -18,12 +18,13 @@ use crate::error::PlayerError;
 use crate::hud::{CameraPanel, Hud};
 use crate::hud_edit::EditPanel;
 use crate::navigation::{Navigator, vertical_of};
-use crate::recent::Recent;
+use crate::remembered::{Recent, Remembered};
 use crate::scene_viewer::SceneViewer;
 use crate::swapchain::{PresentMode, Swapchain};
+use crate::texts;
 use crate::ui_painter::UiPainter;
 use crate::views::View;
-use instgs_io::{IoError, load_scene, read_cameras};
+use instgs_io::{IoError, LoadedScene, read_cameras};
 use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
 use instgs_vk::render::Show;
 use instgs_vk::scene::trajectory::Orbit;
@@ -33,10 +34,13 @@ impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
         let title = job.path.file_name().map_or("instgs".into(), |name| name.to_string_lossy().into_owned());
         let attributes = Window::default_attributes()
-            .with_title(format!("{title} - instgs-player"))
+            .with_title(texts::window_title(&title))
             .with_inner_size(PhysicalSize::new(job.size_px.0, job.size_px.1));
         let window = Arc::new(event_loop.create_window(attributes).map_err(window_error)?);
         let (gpu, screen) = open_device(window, job, job.mode)?;
+        let alone = job.frames.is_some() || !job.script.is_empty();
+        let (mut hud, remembered) = (Hud::new(job.frames.is_none()), Remembered::open(alone));
+        remembered.restore(screen.ui.egui_ctx(), &mut hud);
         let navigator = Navigator::around(&Orbit::around(&InstancedScene::default(), job.up));
         let mut live = Self {
             session: Session {
@@ -50,7 +54,7 @@ impl Live {
                 validation_message: None,
             },
             screen,
-            hud: Hud::new(job.frames.is_none()),
+            hud,
             camera: CameraState {
                 home: navigator.clone(),
                 navigator,
@@ -61,9 +65,11 @@ impl Live {
             },
             input: Interaction::default(),
             pacing: Pacing::new(job.budget_ms),
-            recent: Recent::open(job.frames.is_some() || !job.script.is_empty()),
-            playback: Playback { script: std::mem::take(&mut job.script), waited: 0 },
+            recent: Recent::open(alone),
+            playback: Playback { script: std::mem::take(&mut job.script), ..Playback::default() },
             work: None,
+            split: None,
+            remembered,
         };
         live.input.controls.per_point = live.screen.window.scale_factor();
         let scene = std::mem::replace(&mut job.scene, Ok((InstancedScene::default(), 0)));
@@ -86,9 +92,11 @@ impl Live {
         let viewer = SceneViewer::reopened(&gpu, self.session.viewer)?;
         let reopened = Some(Instant::now());
         self.pacing.last_shown = None;
+        self.remembered.restore(screen.ui.egui_ctx(), &mut self.hud);
+        self.split = None;
         // Pictures of the old device are gone with its textures.
         self.hud.cameras = CameraPanel::default();
-        self.hud.message = Some(format!("{reason}; drawing continues on a reopened device"));
+        self.hud.message = Some(texts::device_reopened(reason));
         Ok(Self {
             session: Session { viewer, gpu, reopened, validation_message, ..self.session },
             screen: Screen { next_mode, ..screen },
@@ -130,6 +138,7 @@ impl Live {
         self.input.editing = Editing::default();
         (self.hud.edit, self.hud.cameras) = (EditPanel::default(), CameraPanel::default());
         self.stop_search();
+        self.split = None;
         self.input.boxing = Boxing::default();
         (self.camera.recording, self.pacing.refine_at, self.input.warned) = (None, None, None);
         self.session.file_bytes = bytes;
@@ -147,13 +156,18 @@ impl Live {
         Ok(())
     }
 
-    /// Opens a file; errors are displayed in the window.
-    pub(super) fn open_file(&mut self, path: &Path, job: &WindowJob) -> Result<(), PlayerError> {
-        let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes));
+    /// Shows the scene of a file that was read; errors are displayed in the window.
+    pub(super) fn take_file(
+        &mut self,
+        path: &Path,
+        loaded: Result<LoadedScene, IoError>,
+        job: &WindowJob,
+    ) -> Result<(), PlayerError> {
+        let loaded = loaded.map(|loaded| (loaded.scene, loaded.file_bytes));
         if loaded.is_ok() {
             self.session.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
             self.session.path = path.to_path_buf();
-            self.screen.window.set_title(&format!("{} - instgs-player", self.session.title));
+            self.screen.window.set_title(&texts::window_title(&self.session.title));
             self.camera.data_views = CameraList::default();
             self.camera.kept = CameraList { list: kept_cameras(path), at: None };
             self.hud.message = None;

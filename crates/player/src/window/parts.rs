@@ -14,6 +14,7 @@ use crate::clock::FrameClock;
 use crate::controls::Controls;
 use crate::error::PlayerError;
 use crate::navigation::Navigator;
+use crate::panel_texts::PanelText;
 use crate::recording::Recording;
 use crate::resolution::Resolution;
 use crate::scene_viewer::{PixelTimes, SceneViewer};
@@ -23,6 +24,10 @@ use crate::ui_painter::UiPainter;
 use instgs_io::json::write_json;
 use instgs_vk::gpu::{Gpu, GpuError};
 use instgs_vk::render::FrameStats;
+
+/// Time of the panels for each step of a script: longer than their animations, and short enough for a press and a release in the
+/// next frame to be a click.
+const SECONDS_PER_STEP: f64 = 0.1;
 
 /// The scene on the device, and the file it is from.
 pub(super) struct Session {
@@ -216,8 +221,31 @@ impl Pacing {
 }
 
 /// The script that is played back.
+#[derive(Default)]
 pub(super) struct Playback {
     pub(super) script: VecDeque<Step>,
     /// Frames that the first step of the script has waited for.
     pub(super) waited: u32,
+    /// The texts of the panels in the last frame, while a script is played.
+    pub(super) texts: Vec<PanelText>,
+    /// Where the widget that the script looks for was in the last frame, interface points.
+    pub(super) sought: Option<egui::Pos2>,
+    /// Time of the panels in seconds while a script is played.
+    pub(super) seconds: f64,
+    /// True while a file that was read waits for the script to go on.
+    pub(super) holds_file: bool,
+    /// Where the next frame is saved with the overlay.
+    pub(super) screen: Option<PathBuf>,
+}
+
+impl Playback {
+    /// The time of the panels' next frame, seconds. During a script it passes evenly, so that a click is one however long frames take.
+    pub(super) fn time_of(&mut self, real: Option<f64>) -> Option<f64> {
+        if !self.script.is_empty() {
+            self.seconds += SECONDS_PER_STEP;
+            return Some(self.seconds);
+        }
+        // It never goes back.
+        real.map(|real| real.max(self.seconds))
+    }
 }

@@ -5,16 +5,17 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, channel};
 use std::time::Duration;
 
 use glam::{DQuat, DVec3};
 
-use super::Live;
+use super::{Live, WindowJob};
 use crate::actions::Take;
 use crate::error::PlayerError;
 use crate::recording::{PATH_FPS, Recording};
-use instgs_io::{ExportFormat, IoError, TEMPORARY_PREFIX, export_scene, save_scene};
+use crate::texts;
+use instgs_io::{ExportFormat, IoError, LoadedScene, TEMPORARY_PREFIX, export_scene, load_scene, save_scene};
 use instgs_vk::scene::{Camera, InstancedScene};
 use tempfile::{NamedTempFile, TempPath};
 
@@ -31,6 +32,8 @@ pub(super) struct Work {
 enum Kind {
     /// A thread writes a file; what it sends is why it could not.
     Write { done: Receiver<Result<(), String>>, to: PathBuf, saved_revision: Option<u64> },
+    /// A thread reads a scene. The flag is true if changes were unsaved when it began: the user was asked about them.
+    Read { done: Receiver<Result<LoadedScene, IoError>>, path: PathBuf, asked: bool },
     /// Frames that are drawn one after another.
     Draw(Drawing),
 }
@@ -48,7 +51,7 @@ impl Live {
     pub(super) fn work_shown(&self) -> Option<(String, Option<f32>)> {
         let work = self.work.as_ref()?;
         let progress = match &work.kind {
-            Kind::Write { .. } => None,
+            Kind::Write { .. } | Kind::Read { .. } => None,
             Kind::Draw(drawing) => Some(drawing.next as f32 / drawing.cameras.len().max(1) as f32),
         };
         Some((work.name.clone(), progress))
@@ -57,14 +60,12 @@ impl Live {
     /// Writes a copy of the present scene on a thread. A `.instgs` becomes the scene's own file.
     pub(super) fn write_beside(&mut self, to: &Path) {
         if !self.session.has_scene {
-            let path = self.session.path.display();
-            self.hud.message = Some(format!("{path} could not be opened, so there is nothing to save"));
-            return;
+            return self.hud.message = Some(texts::nothing_to_save(&self.session.path));
         }
         // Saving again waits for the file that is being saved. Other work is not thrown away for it.
         self.wait_for_saving();
         if let Some(work) = &self.work {
-            return self.hud.message = Some(format!("{} is still running: wait, or cancel it", work.name));
+            return self.hud.message = Some(texts::still_running(&work.name));
         }
         let saves = to.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
         let format = match ExportFormat::of(to, None) {
@@ -78,17 +79,52 @@ impl Live {
         let cancelled = Arc::new(AtomicBool::new(false));
         let job = Writing { scene, to: to.to_path_buf(), format, saves, up, cancelled: cancelled.clone() };
         std::thread::spawn(move || drop(sender.send(job.run())));
-        let verb = if saves { "Saving" } else { "Exporting" };
-        let name = format!("{verb} {}", to.file_name().unwrap_or_default().to_string_lossy());
+        let name = if saves { texts::saving(to) } else { texts::exporting(to) };
         let kind = Kind::Write { done, to: to.to_path_buf(), saved_revision: saves.then_some(revision) };
         self.work = Some(Work { name, cancelled, kind });
+    }
+
+    /// Reads a scene on a thread, in place of other work; it is shown once it is read.
+    pub(super) fn read_beside(&mut self, path: &Path) {
+        self.cancel_work();
+        let (sender, done) = channel();
+        let (name, of_thread) = (texts::opening(path), path.to_path_buf());
+        std::thread::spawn(move || drop(sender.send(load_scene(&of_thread))));
+        let kind = Kind::Read { done, path: path.to_path_buf(), asked: self.is_unsaved() };
+        self.work = Some(Work { name, cancelled: Arc::default(), kind });
+    }
+
+    /// True while a scene is read.
+    pub(super) fn is_reading(&self) -> bool {
+        matches!(&self.work, Some(Work { kind: Kind::Read { .. }, .. }))
+    }
+
+    /// Shows the scene that was read, if it is there; true if so.
+    fn note_read(&mut self, job: &WindowJob) -> Result<bool, PlayerError> {
+        let Some(Work { kind: Kind::Read { done, path, asked }, .. }) = &self.work else { return Ok(false) };
+        if self.playback.holds_file {
+            return Ok(false);
+        }
+        let (path, asked) = (path.clone(), *asked);
+        let loaded = match done.try_recv() {
+            Ok(loaded) => loaded,
+            Err(TryRecvError::Empty) => return Ok(false),
+            Err(TryRecvError::Disconnected) => Err(IoError::new(&path, texts::READER_BROKE)),
+        };
+        self.work = None;
+        if loaded.is_ok() && self.is_unsaved() && !asked {
+            self.hud.message = Some(texts::changed_meanwhile(&path));
+            return Ok(true);
+        }
+        self.take_file(&path, loaded, job)?;
+        Ok(true)
     }
 
     /// Cancels the work: a file that is being written never appears, frames that were drawn stay.
     pub(super) fn cancel_work(&mut self) {
         let Some(work) = self.work.take() else { return };
         work.cancelled.store(true, Ordering::Relaxed);
-        self.hud.message = Some(format!("{} was cancelled", work.name));
+        self.hud.message = Some(texts::was_cancelled(&work.name));
     }
 
     /// Waits until the scene's own file is written, if it is being written.
@@ -111,16 +147,16 @@ impl Live {
         let result = match done.recv_timeout(within) {
             Ok(result) => result,
             Err(RecvTimeoutError::Timeout) => return,
-            Err(RecvTimeoutError::Disconnected) => Err("the thread that writes the file has failed".into()),
+            Err(RecvTimeoutError::Disconnected) => Err(texts::WRITER_BROKE.into()),
         };
         let (to, saved) = (to.clone(), *saved_revision);
         self.work = None;
         self.hud.message = Some(match (result, saved) {
             (Err(reason), _) => reason,
-            (Ok(()), None) => format!("exported to {}", to.display()),
+            (Ok(()), None) => texts::exported(&to),
             (Ok(()), Some(revision)) => {
                 self.session.viewer.editor_mut().saved_at(revision);
-                let text = format!("saved to {}", to.display());
+                let text = texts::saved(&to);
                 self.recent.note(&to);
                 self.session.path = to;
                 text
@@ -142,14 +178,17 @@ impl Live {
         if let (None, Err(error)) = (&single, std::fs::create_dir_all(&folder)) {
             return self.hud.message = Some(format!("{}: {error}", folder.display()));
         }
-        let name = format!("{} frames of {} x {}", cameras.len(), size_px[0], size_px[1]);
+        let name = texts::frames_of(cameras.len(), size_px);
         let kind = Kind::Draw(Drawing { cameras, next: 0, folder, single });
         self.work = Some(Work { name, cancelled: Arc::default(), kind });
     }
 
     /// Goes on with the work; true if the next picture should follow at once.
-    pub(super) fn go_on_working(&mut self) -> Result<bool, PlayerError> {
+    pub(super) fn go_on_working(&mut self, job: &WindowJob) -> Result<bool, PlayerError> {
         self.note_written(Duration::ZERO);
+        if self.note_read(job)? {
+            return Ok(true);
+        }
         let Some(Work { kind: Kind::Draw(drawing), .. }) = &mut self.work else { return Ok(false) };
         if let Some(camera) = drawing.cameras.get(drawing.next).cloned() {
             let path =
@@ -174,7 +213,7 @@ impl Live {
         let (single, folder, count) = (drawing.single.clone(), drawing.folder.clone(), drawing.cameras.len());
         self.work = None;
         match single {
-            Some(path) => self.hud.message = Some(format!("saved {}", path.display())),
+            Some(path) => self.hud.message = Some(texts::saved(&path)),
             None => self.encode(&folder, count),
         }
         Ok(true)
@@ -184,13 +223,13 @@ impl Live {
     fn encode(&mut self, folder: &Path, count: usize) {
         let known = Command::new("ffmpeg").arg("-version").stdout(Stdio::null()).stderr(Stdio::null()).status();
         if !known.is_ok_and(|status| status.success()) {
-            let text = format!("{count} frames in {}; no video: ffmpeg is not installed", folder.display());
+            let text = texts::no_ffmpeg(count, folder);
             return self.hud.message = Some(text);
         }
         let (sender, done) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
         let (folder, to, stop) = (folder.to_path_buf(), folder.with_extension("mp4"), cancelled.clone());
-        let name = format!("Making {}", to.file_name().unwrap_or_default().to_string_lossy());
+        let name = texts::making(&to);
         let kind = Kind::Write { done, to: to.clone(), saved_revision: None };
         std::thread::spawn(move || drop(sender.send(video(&folder, &to, &stop))));
         self.work = Some(Work { name, cancelled, kind });
@@ -240,13 +279,13 @@ fn part_of(to: &Path) -> Result<TempPath, String> {
 }
 
 fn cannot_write(to: &Path, error: &std::io::Error) -> String {
-    IoError::os(to, "cannot write", error).to_string()
+    IoError::os(to, texts::CANNOT_WRITE, error).to_string()
 }
 
 /// Gives a complete file its name, or removes it if the user has cancelled.
 fn finish_file(part: TempPath, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
     if cancelled.load(Ordering::Relaxed) {
-        return Err("cancelled".into());
+        return Err(texts::CANCELLED.into());
     }
     part.persist(to).map_err(|error| cannot_write(to, &error.error))
 }
@@ -264,7 +303,7 @@ fn video(folder: &Path, to: &Path, cancelled: &AtomicBool) -> Result<(), String>
     while ffmpeg.try_wait().map_err(failed)?.is_none() {
         if cancelled.load(Ordering::Relaxed) {
             ffmpeg.kill().and_then(|()| ffmpeg.wait()).map_err(failed)?;
-            return Err("cancelled".into());
+            return Err(texts::CANCELLED.into());
         }
         std::thread::sleep(LOOK_AT_FFMPEG);
     }

@@ -1,6 +1,7 @@
 //! The search for objects similar to the one in the selected box, in the window: start, settings and results.
 
 use crate::search::{Search, Searched, without_view_dependence};
+use crate::texts;
 use crate::window::Live;
 use instgs_objects::segment::standing::Surroundings;
 
@@ -8,10 +9,10 @@ impl Live {
     /// Starts the search for objects similar to the one in the selected box.
     pub(in crate::window) fn find_rest(&mut self) {
         if self.input.boxing.is_searching() {
-            return self.says("a search is running: Esc stops it");
+            return self.says(texts::IS_SEARCHING);
         }
         let Some(listed) = self.input.boxing.list.chosen_box() else {
-            return self.says("click an object first: F finds objects like it");
+            return self.says(texts::CLICK_FIRST);
         };
         let [_, _, up] = self.camera.navigator.level_axes();
         let up = self.input.boxing.around.as_ref().map_or(up, Surroundings::up);
@@ -23,12 +24,12 @@ impl Live {
     /// Sets whether searches also find objects of other sizes.
     pub(super) fn look_for_other_sizes(&mut self, other_sizes: bool) {
         if self.input.boxing.is_searching() {
-            return self.says("a search is running: Esc stops it");
+            return self.says(texts::IS_SEARCHING);
         }
         self.input.boxing.other_sizes = other_sizes;
         self.says(match other_sizes {
-            true => "F also finds objects of half to twice the size",
-            false => "F finds objects of the same size",
+            true => texts::FINDS_OTHER_SIZES,
+            false => texts::FINDS_SAME_SIZE,
         });
     }
 
@@ -52,14 +53,12 @@ impl Live {
         let Some(search) = self.input.boxing.search.take_if(|search| search.has_ended()) else { return };
         let like = search.like();
         let words = match search.end() {
-            Searched::Stopped => "the search was stopped".into(),
+            Searched::Stopped => texts::SEARCH_STOPPED.into(),
             Searched::Failed(reason) => reason,
             Searched::Found(found, seconds) => match self.input.boxing.list.take_found(like, found) {
-                None => "the search's box was removed meanwhile".into(),
-                Some(0) => format!("no other object is like the one in box {like} ({seconds:.1} s)"),
-                Some(count) => {
-                    format!("{count} found in {seconds:.1} s; Shift+click removes a wrong box; Ctrl+S saves")
-                }
+                None => texts::SEARCH_BOX_GONE.into(),
+                Some(0) => texts::none_found(like, seconds),
+                Some(count) => texts::found(count, seconds),
             },
         };
         self.says(words);
