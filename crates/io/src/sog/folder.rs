@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::write_sog;
-use crate::{IoError, write_groups};
+use crate::{IoError, Place, write_groups};
 use instgs_vk::scene::{Gaussians, InstancedScene, PosedGroup, PosedInstance};
 
 /// The file that places the instances.
@@ -25,7 +25,9 @@ const ENDING: &str = ".sog";
 /// A template with instances that is empty, a value that is not finite, more than 65,535 instances, or a file that cannot be
 /// written.
 pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<u64, IoError> {
-    scene.validate().map_err(|e| IoError::new(folder, format!("cannot write: {}", e.reason)))?;
+    scene
+        .validate()
+        .map_err(|e| IoError::new(folder, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor)))?;
     std::fs::create_dir_all(folder).map_err(|e| IoError::os(folder, "cannot be made", &e))?;
     let groups = placed(scene);
     let antialias = scene.pixel_filter.antialias;
