@@ -48,11 +48,12 @@ pub fn write_usdc(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(), 
 }
 
 fn fail(path: &Path, what: String) -> IoError {
-    IoError::new(path, format!("cannot write: {what}"))
+    IoError::new(path, format!("cannot write: {what}")).advise("export to .instgs, which can hold it")
 }
 
 fn turn(path: &Path, up: DVec3) -> Result<glam::DMat3, IoError> {
-    up_to_y(up).ok_or_else(|| fail(path, "the up direction has no length".into()))
+    let lost = || IoError::new(path, "cannot write: the up direction has no length").advise("give another --up");
+    up_to_y(up).ok_or_else(lost)
 }
 
 /// Every instance's Gaussians in its own frame, if all values of the scene can be written.
