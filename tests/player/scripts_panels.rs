@@ -78,12 +78,24 @@ fn script_in_panels(again: &Path, edited: &Path) -> String {
 }
 
 /// Select, rename, hide, lock, search, move by number, duplicate, scatter, make unique, edit the template, compare, save as, undo
-/// all, save as, open: in the panels, at every size. What was saved before undoing has all changes, what was saved after it none.
+/// all, save as, open: in the panels, where there is least room. What was saved before undoing has all changes, what was saved after it none.
 #[test]
-fn everything_is_done_in_the_panels_at_every_size() {
+fn everything_is_done_in_the_panels() {
+    in_the_panels(&[([1280, 720], 2)]);
+}
+
+/// The same where there is more room.
+#[ignore = "each size takes half a minute"]
+#[test]
+fn everything_is_done_in_the_panels_at_other_sizes() {
+    in_the_panels(&[([1280, 720], 1), ([1920, 1080], 1), ([1920, 1080], 2)]);
+}
+
+/// Sizes of windows, pixels, and pixels per point.
+fn in_the_panels(sizes: &[([u32; 2], u32)]) {
     let Some(display) = (if skips_gpu() { None } else { VirtualDisplay::open_of("1920x1080x24") }) else { return };
     let pictures = std::env::var_os("INSTGS_PANEL_PICTURES").map(std::path::PathBuf::from);
-    for (size, per_point) in [([1280, 720], 1), ([1280, 720], 2), ([1920, 1080], 1), ([1920, 1080], 2)] {
+    for &(size, per_point) in sizes {
         let folder = tempfile::tempdir().unwrap();
         let [file, again, edited] =
             ["scene", "again", "edited"].map(|name| folder.path().join(name).with_extension("instgs"));
