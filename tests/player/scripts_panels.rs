@@ -91,7 +91,8 @@ fn everything_is_done_in_the_panels_at_other_sizes() {
     in_the_panels(&[([1280, 720], 1), ([1920, 1080], 1), ([1920, 1080], 2)]);
 }
 
-/// Sizes of windows, pixels, and pixels per point.
+/// Plays the script of panels in windows of these sizes (pixels, then pixels per point), and compares the files that it
+/// saves.
 fn in_the_panels(sizes: &[([u32; 2], u32)]) {
     let Some(display) = (if skips_gpu() { None } else { VirtualDisplay::open_of("1920x1080x24") }) else { return };
     let pictures = std::env::var_os("INSTGS_PANEL_PICTURES").map(std::path::PathBuf::from);

@@ -2,7 +2,7 @@
 // order never lags behind; they are then blended as in renderer.js, the way where there is only WebGL2.
 
 import { NEAR, viewOf } from "./camera.js";
-import { ROW_TEXELS, constantsOf, flatList } from "./layout.js";
+import { constantsOf, flatList, writeLook } from "./layout.js";
 
 /** Keys of a work-group of the sort, as sort.wgsl has it. */
 const BLOCK = 4096;
@@ -189,15 +189,9 @@ export class GpuRenderer {
     return this.device.createBindGroup({ layout, entries: buffers.map((buffer, binding) => ({ binding, resource: { buffer } })) });
   }
 
-  /**
-   * How a row looks.
-   * @param {number} row
-   * @param {{shown: boolean, selected: boolean, tint: number[]}} look `tint` is red, green, blue, and how much
-   */
+  /** @param {number} row @param {import("./layout.js").Look} look */
   setLook(row, look) {
-    const at = 4 * ROW_TEXELS * row;
-    this.rowTexels.data.set(look.tint, at + 24);
-    this.rowTexels.data.set([Number(look.shown), Number(look.selected)], at + 30);
+    writeLook(this.rowTexels.data, row, look);
     this.rowsChanged = true;
   }
 

@@ -41,3 +41,17 @@ export function constantsOf(texels) {
     FIRST_SH_REST: texels.hasShape ? 4 : 2,
   };
 }
+
+/**
+ * How a row looks; `tint` is red, green, blue, and how much.
+ * @typedef {{shown: boolean, selected: boolean, tint: number[]}} Look
+ *
+ * @param {Float32Array} rows all rows, which it changes
+ * @param {number} row
+ * @param {Look} look
+ */
+export function writeLook(rows, row, look) {
+  const at = 4 * ROW_TEXELS * row;
+  rows.set(look.tint, at + 24);
+  rows.set([Number(look.shown), Number(look.selected)], at + 30);
+}

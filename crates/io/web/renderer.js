@@ -2,7 +2,7 @@
 // half floats, and that over the background.
 
 import { NEAR, viewOf } from "./camera.js";
-import { ROW_TEXELS, TEXTURE_WIDTH, constantsOf } from "./layout.js";
+import { TEXTURE_WIDTH, constantsOf, writeLook } from "./layout.js";
 
 const GEOMETRY_UNIT = 0;
 const SH_UNIT = 1;
@@ -127,15 +127,9 @@ export class Renderer {
     this.count = count;
   }
 
-  /**
-   * How a row looks.
-   * @param {number} row
-   * @param {{shown: boolean, selected: boolean, tint: number[]}} look `tint` is red, green, blue, and how much
-   */
+  /** @param {number} row @param {import("./layout.js").Look} look */
   setLook(row, look) {
-    const at = 4 * ROW_TEXELS * row;
-    this.rowTexels.data.set(look.tint, at + 24);
-    this.rowTexels.data.set([Number(look.shown), Number(look.selected)], at + 30);
+    writeLook(this.rowTexels.data, row, look);
     this.rowsChanged = true;
   }
 

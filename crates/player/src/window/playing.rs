@@ -8,6 +8,7 @@ use crate::controls::Button;
 use crate::error::PlayerError;
 use crate::panel_texts::{Target, place_of};
 use crate::script::Step;
+use instgs_io::picture_png::write_png;
 use instgs_vk::gpu::GpuError;
 
 /// Frames that a script waits at most for the window to take a size.
@@ -141,6 +142,24 @@ impl Live {
             self.play_button(Button::Left, true)?;
             self.playback.script.push_front(Step::Wait);
             self.playback.script.push_front(Step::Button(Button::Left, false));
+        }
+        Ok(())
+    }
+
+    /// Prepares the capture of the window that a script has asked for.
+    pub(super) fn begin_capture(&mut self) -> Result<(), PlayerError> {
+        if self.playback.screen.is_some() {
+            self.screen.swapchain.capture_next()?;
+        }
+        Ok(())
+    }
+
+    /// Writes the captured window.
+    pub(super) fn end_capture(&mut self) -> Result<(), PlayerError> {
+        let Some(path) = self.playback.screen.take() else { return Ok(()) };
+        let [width, height] = self.screen.swapchain.size_px();
+        if let Some(rgb) = self.screen.swapchain.take_captured()? {
+            write_png(&path, &rgb, (width, height))?;
         }
         Ok(())
     }

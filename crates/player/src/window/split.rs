@@ -8,7 +8,6 @@ use crate::hud_gizmo::{HOT, line};
 use crate::scene_viewer::SceneViewer;
 use crate::swapchain::Target;
 use crate::texts;
-use instgs_io::picture_png::write_png;
 use instgs_vk::gpu::Buffer;
 
 /// The line is grabbed from this far, points.
@@ -125,24 +124,6 @@ impl Live {
         match drawn {
             Err(error) if error.is_out_of_memory() => self.end_split(&error),
             drawn => return drawn,
-        }
-        Ok(())
-    }
-
-    /// Prepares the capture of the window that a script has asked for.
-    pub(super) fn begin_capture(&mut self) -> Result<(), PlayerError> {
-        if self.playback.screen.is_some() {
-            self.screen.swapchain.capture_next()?;
-        }
-        Ok(())
-    }
-
-    /// Writes the captured window.
-    pub(super) fn end_capture(&mut self) -> Result<(), PlayerError> {
-        let Some(path) = self.playback.screen.take() else { return Ok(()) };
-        let [width, height] = self.screen.swapchain.size_px();
-        if let Some(rgb) = self.screen.swapchain.take_captured()? {
-            write_png(&path, &rgb, (width, height))?;
         }
         Ok(())
     }
