@@ -78,7 +78,8 @@ fn script_in_panels(again: &Path, edited: &Path) -> String {
 }
 
 /// Select, rename, hide, lock, search, move by number, duplicate, scatter, make unique, edit the template, compare, save as, undo
-/// all, save as, open: in the panels, where there is least room. What was saved before undoing has all changes, what was saved after it none.
+/// all, save as, open: in the panels, where there is least room. What was saved before undoing has all changes, what was saved
+/// after it none.
 #[test]
 fn everything_is_done_in_the_panels() {
     in_the_panels(&[([1280, 720], 2)]);
