@@ -1,6 +1,9 @@
-//! What the window shows beside the present scene: a file that is read meanwhile, the scene as it was opened; and touchpads, whose
-//! input only scripts can play here.
+//! What the window shows beside the present scene: a file that is read meanwhile, the scene as it was opened; and touchpads,
+//! whose input only scripts can play here.
 
+use std::path::Path;
+
+use crate::common::program::error_of;
 use crate::scripts::{open_display, pixels, player};
 
 /// A file is read beside the picture: it moves meanwhile, and the scene appears when the file has been read. What was changed
@@ -29,6 +32,27 @@ fn a_file_is_opened_beside_the_picture() {
         );
         assert_eq!(after == during, !opens, "{meanwhile}");
     }
+}
+
+/// A file that cannot be read is said in the window, which stays and takes another one. `over` fails if the words are not there.
+#[test]
+fn a_window_without_a_scene_says_why_and_takes_another() {
+    let Some((display, folder, file)) = open_display() else { return };
+    let [bad, script, picture] = ["bad.instgs", "script.txt", "after.png"].map(|name| folder.path().join(name));
+    std::fs::write(&bad, "no scene").unwrap();
+    let error = error_of(player().arg(&bad).args(["--headless", "--frames", "1"]));
+    let words = error.trim().trim_start_matches("error: ");
+    let text = format!("frames 2\nover {words}\ndrop {}\nframes 2\nshot after.png\nquit\n", file.display());
+    std::fs::write(&script, text).unwrap();
+    let play = |of: &Path| {
+        let mut player = player();
+        player.env("DISPLAY", &display.1).args(["--size", "640x480", "--script"]).arg(&script).arg(of);
+        player.assert().success();
+        pixels(&picture)
+    };
+    let dropped = play(&bad);
+    std::fs::write(&script, "frames 2\nshot after.png\nquit\n").unwrap();
+    assert!(dropped == play(&file), "the scene that was dropped, as if it were the first");
 }
 
 /// Two fingers on a touchpad: spreading zooms in, moving orbits.

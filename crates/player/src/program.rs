@@ -182,21 +182,15 @@ pub fn main() -> ExitCode {
 }
 
 fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
-    let loaded = load_scene(&args.scene);
-    if let Err(error) = &loaded {
-        // A window can show the error; a batch run must fail.
-        if args.frames.is_some() {
-            return Err(CliError::msg(error.to_string()));
-        }
-        printer.warning(error);
-    }
     let cameras = match &args.data {
         Some(folder) => read_views(folder)?.views.into_iter().map(|view| view.camera).collect(),
         None => Vec::new(),
     };
     if args.headless {
-        return headless(args, loaded?, &cameras, printer);
+        return headless(args, &cameras, printer);
     }
+    // Frames that are timed begin with the scene; a window reads it beside its first frames and displays errors.
+    let loaded = args.frames.map(|_| load_scene(&args.scene)).transpose()?;
     let boxes = args.boxes.as_ref().map(|path| read_boxes(path).map(|boxes| (path.clone(), boxes))).transpose()?;
     let script = script(args.script.as_deref())?;
     let counts = loaded.as_ref().map_or([0; 2], |loaded| gaussian_counts(&loaded.scene));
@@ -204,7 +198,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     match window::run(job) {
         Err(PlayerError::Window(reason)) if args.frames.is_some() => {
             printer.warning(format_args!("{reason}; drawing without a window"));
-            headless(args, load_scene(&args.scene)?, &cameras, printer)
+            headless(args, &cameras, printer)
         }
         Err(error) => Err(error.into()),
         Ok(report) => {
@@ -241,11 +235,7 @@ fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -
     cameras.iter().map(|camera| camera.resized(args.size.0, args.size.1)).collect()
 }
 
-fn window_job(
-    args: &PlayerArgs,
-    loaded: Result<LoadedScene, IoError>,
-    cameras: &[Camera],
-) -> Result<WindowJob, CliError> {
+fn window_job(args: &PlayerArgs, loaded: Option<LoadedScene>, cameras: &[Camera]) -> Result<WindowJob, CliError> {
     let empty = InstancedScene::default();
     let scene = loaded.as_ref().map_or(&empty, |loaded| &loaded.scene);
     let (options, path_cameras) = (viewer_options(args, scene)?, path_cameras(args, scene, cameras));
@@ -273,7 +263,8 @@ fn window_job(
     })
 }
 
-fn headless(args: &PlayerArgs, loaded: LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
+fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
+    let loaded = load_scene(&args.scene)?;
     let options = viewer_options(args, &loaded.scene)?;
     let gpu = device::open(args.device.choice())?;
     let mut viewer = SceneViewer::new(&gpu, loaded.scene, options)?;

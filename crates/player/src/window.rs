@@ -11,7 +11,6 @@ use winit::window::WindowId;
 
 use crate::swapchain::{Pixels, PresentMode, Target};
 use crate::ui_painter::UiFrame;
-use instgs_io::IoError;
 use instgs_vk::gpu::DeviceChoice;
 use instgs_vk::scene::{Boxes, Camera, InstancedScene, PixelFilterChoice};
 
@@ -53,9 +52,9 @@ const LOST_FOR_GOOD: Duration = Duration::from_secs(10);
 pub struct WindowJob {
     /// Path of the scene's file.
     pub path: PathBuf,
-    /// The scene and its file size in bytes; else the error that the window displays.
-    pub scene: Result<(InstancedScene, u64), IoError>,
-    /// How frames are rendered.
+    /// The scene and its file size in bytes; `None` to read `path` beside the first frames.
+    pub scene: Option<(InstancedScene, u64)>,
+    /// How frames are rendered. What depends on the scene, the pixel filter and the range of depths, is set when it is there.
     pub options: ViewerOptions,
     /// What the user asks of the pixel filter; the rest is each scene's own.
     pub pixel_filter: PixelFilterChoice,

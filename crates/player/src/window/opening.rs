@@ -72,13 +72,25 @@ impl Live {
             remembered,
         };
         live.input.controls.per_point = live.screen.window.scale_factor();
-        let scene = std::mem::replace(&mut job.scene, Ok((InstancedScene::default(), 0)));
-        live.take_scene(scene, job)?;
-        live.check_mode(job.mode);
-        if let Some((path, boxes)) = job.boxes.take() {
-            live.input.boxing = Boxing::from_file(path, boxes);
+        match job.scene.take() {
+            Some(scene) => live.take_first(Ok(scene), job)?,
+            None => live.read_first(&job.path),
         }
+        live.check_mode(job.mode);
         Ok(live)
+    }
+
+    /// Shows the scene that the window was opened for, with the boxes of the command line.
+    pub(super) fn take_first(
+        &mut self,
+        scene: Result<(InstancedScene, u64), IoError>,
+        job: &WindowJob,
+    ) -> Result<(), PlayerError> {
+        self.take_scene(scene, job)?;
+        if let Some((path, boxes)) = &job.boxes {
+            self.input.boxing = Boxing::from_file(path.clone(), boxes.clone());
+        }
+        Ok(())
     }
 
     /// Moves everything to a reopened device after the loss of the present one.

@@ -17,8 +17,11 @@ const RESIZE_PICTURES: u32 = 100;
 const WIDGET_PICTURES: u32 = 60;
 
 impl Live {
-    /// Plays the next step of the script.
+    /// Plays the next step of the script; the first step waits for the first scene.
     pub(super) fn play_step(&mut self) -> Result<After, PlayerError> {
+        if self.is_reading_first() {
+            return Ok(After::Nothing);
+        }
         let Some(step) = self.playback.script.pop_front() else { return Ok(After::Nothing) };
         if self.play_in_panels(&step)? {
             return Ok(After::Redraw);

@@ -32,10 +32,21 @@ pub(super) struct Work {
 enum Kind {
     /// A thread writes a file; what it sends is why it could not.
     Write { done: Receiver<Result<(), String>>, to: PathBuf, saved_revision: Option<u64> },
-    /// A thread reads a scene. The flag is true if changes were unsaved when it began: the user was asked about them.
-    Read { done: Receiver<Result<LoadedScene, IoError>>, path: PathBuf, asked: bool },
+    /// A thread reads a scene.
+    Read { done: Receiver<Result<LoadedScene, IoError>>, path: PathBuf, of: Opened },
     /// Frames that are drawn one after another.
     Draw(Drawing),
+}
+
+/// Which scene is read.
+#[derive(Clone, Copy, PartialEq)]
+enum Opened {
+    /// The one that the window was opened for.
+    First,
+    /// Another one, in place of a scene without unsaved changes.
+    InPlace,
+    /// Another one, in place of a scene with unsaved changes: the user was asked about them.
+    InPlaceOfUnsaved,
 }
 
 struct Drawing {
@@ -86,11 +97,21 @@ impl Live {
 
     /// Reads a scene on a thread, in place of other work; it is shown once it is read.
     pub(super) fn read_beside(&mut self, path: &Path) {
+        let of = if self.is_unsaved() { Opened::InPlaceOfUnsaved } else { Opened::InPlace };
         self.cancel_work();
+        self.read(path, of);
+    }
+
+    /// Reads the scene that the window was opened for, as [`Live::read_beside`] does.
+    pub(super) fn read_first(&mut self, path: &Path) {
+        self.read(path, Opened::First);
+    }
+
+    fn read(&mut self, path: &Path, of: Opened) {
         let (sender, done) = channel();
         let (name, of_thread) = (texts::opening(path), path.to_path_buf());
         std::thread::spawn(move || drop(sender.send(load_scene(&of_thread))));
-        let kind = Kind::Read { done, path: path.to_path_buf(), asked: self.is_unsaved() };
+        let kind = Kind::Read { done, path: path.to_path_buf(), of };
         self.work = Some(Work { name, cancelled: Arc::default(), kind });
     }
 
@@ -99,24 +120,31 @@ impl Live {
         matches!(&self.work, Some(Work { kind: Kind::Read { .. }, .. }))
     }
 
+    /// True while the scene is read that the window was opened for.
+    pub(super) fn is_reading_first(&self) -> bool {
+        matches!(&self.work, Some(Work { kind: Kind::Read { of: Opened::First, .. }, .. }))
+    }
+
     /// Shows the scene that was read, if it is there; true if so.
     fn note_read(&mut self, job: &WindowJob) -> Result<bool, PlayerError> {
-        let Some(Work { kind: Kind::Read { done, path, asked }, .. }) = &self.work else { return Ok(false) };
+        let Some(Work { kind: Kind::Read { done, path, of }, .. }) = &self.work else { return Ok(false) };
         if self.playback.holds_file {
             return Ok(false);
         }
-        let (path, asked) = (path.clone(), *asked);
+        let (path, of) = (path.clone(), *of);
         let loaded = match done.try_recv() {
             Ok(loaded) => loaded,
             Err(TryRecvError::Empty) => return Ok(false),
             Err(TryRecvError::Disconnected) => Err(IoError::new(&path, texts::READER_BROKE)),
         };
         self.work = None;
-        if loaded.is_ok() && self.is_unsaved() && !asked {
-            self.hud.message = Some(texts::changed_meanwhile(&path));
-            return Ok(true);
+        match of {
+            Opened::First => self.take_first(loaded.map(|loaded| (loaded.scene, loaded.file_bytes)), job)?,
+            Opened::InPlace if loaded.is_ok() && self.is_unsaved() => {
+                self.hud.message = Some(texts::changed_meanwhile(&path));
+            }
+            Opened::InPlace | Opened::InPlaceOfUnsaved => self.take_file(&path, loaded, job)?,
         }
-        self.take_file(&path, loaded, job)?;
         Ok(true)
     }
 
