@@ -194,6 +194,23 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     }
 }
 
+impl<T: bytemuck::NoUninit> Buffer<T> {
+    /// Writes `data` to the start of a buffer made with [`Buffer::for_upload`]; waits for the submissions that use it.
+    ///
+    /// # Errors
+    /// The buffer is not in memory that the host can write, or the device failed.
+    ///
+    /// # Panics
+    /// If `data` is longer than the buffer.
+    pub fn write_mapped(&mut self, data: &[T]) -> Result<(), GpuError> {
+        assert!(data.len() <= self.len(), "{}: {} elements into {}", self.name(), data.len(), self.len());
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let Some(mapped) = self.mapped_mut() else { return Err(GpuError::not_mapped(self.name())) };
+        mapped[..bytes.len()].copy_from_slice(bytes);
+        Ok(())
+    }
+}
+
 impl<T: bytemuck::AnyBitPattern + bytemuck::NoUninit> Buffer<T> {
     /// Element `index` of a buffer made with [`Buffer::for_readback`], once the copy into it is done; zeros for any other buffer.
     pub fn read_mapped(&self, index: usize) -> T {

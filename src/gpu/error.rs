@@ -123,6 +123,11 @@ impl GpuError {
         }
     }
 
+    /// A buffer that should be host-visible is not.
+    pub(crate) fn not_mapped(name: &str) -> Self {
+        Self::OutOfMemory { name: name.into(), bytes: 0, missing: 0, reason: "no host-visible memory".into() }
+    }
+
     /// True if an allocation failed for want of memory; the device itself can go on.
     pub fn is_out_of_memory(&self) -> bool {
         matches!(self, Self::OutOfMemory { .. } | Self::BufferTooLarge { .. })

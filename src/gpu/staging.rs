@@ -24,11 +24,9 @@ pub fn write<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, buffer: &mut Buffer<T>, data
         return Ok(());
     }
     let mut staging = Buffer::<T>::for_upload(gpu, "staging", data.len())?;
-    let bytes: &[u8] = bytemuck::cast_slice(data);
-    let mapped = staging.mapped_mut().ok_or_else(|| not_mapped("staging"))?;
-    mapped.copy_from_slice(bytes);
+    staging.write_mapped(data)?;
     let mut recorder = Recorder::new(gpu)?;
-    recorder.copy(&staging, buffer, bytes.len() as u64)?;
+    recorder.copy(&staging, buffer, size_of_val(data) as u64)?;
     let ticket = recorder.submit()?;
     recorder.wait(ticket)
 }
@@ -84,10 +82,6 @@ fn read_mapped<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
 ) -> Result<Vec<T>, GpuError> {
     let ticket = recorder.submit()?;
     recorder.wait(ticket)?;
-    let mapped = readback.mapped().ok_or_else(|| not_mapped("readback"))?;
+    let mapped = readback.mapped().ok_or_else(|| GpuError::not_mapped("readback"))?;
     Ok(mapped.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
-}
-
-fn not_mapped(name: &str) -> GpuError {
-    GpuError::OutOfMemory { name: name.into(), bytes: 0, missing: 0, reason: "no host-visible memory".into() }
 }

@@ -1,15 +1,19 @@
 //! Whole training steps: repeatable, whatever the sizes of buffers, and they learn.
 
+use std::path::Path;
 use std::sync::Arc;
 
+use instgs_io::picture_png::write_png;
 use instgs_io::view_image::{LoadedView, ViewImage};
+use instgs_io::{Split, View as DataView};
 use instgs_reference::View;
 use instgs_reference::gather_gradients::{SceneGradient, scene_gradient};
 use instgs_reference::image_loss::{ImagePair, image_loss};
 use instgs_train::config::{GaussianRates, PoseRates, Rates};
 use instgs_train::device_state::DeviceState;
 use instgs_train::step_runner::{StepOutcome, StepPlan, StepRunner};
-use instgs_train::views::TrainViews;
+use instgs_train::view_order::epoch_order;
+use instgs_train::views::{TrainViews, ViewsPlan};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
@@ -67,6 +71,27 @@ impl Data {
         Self { targets: cameras.iter().map(picture).collect(), cameras }
     }
 
+    /// The same pictures again and again, `count` in all.
+    fn repeated(&self, count: usize) -> Self {
+        let camera = |(k, camera): (usize, &Camera)| Camera { name: format!("view {k}"), ..camera.clone() };
+        Self {
+            cameras: self.cameras.iter().cycle().take(count).enumerate().map(camera).collect(),
+            targets: self.targets.iter().cycle().take(count).cloned().collect(),
+        }
+    }
+
+    /// Writes the pictures into a folder.
+    fn files(&self, folder: &Path) -> Vec<DataView> {
+        let file = |(camera, targets): (&Camera, &Vec<u32>)| {
+            let path = folder.join(format!("{}.png", camera.name));
+            let rgb: Vec<u8> = targets.iter().flat_map(|t| t.to_le_bytes()[..3].to_vec()).collect();
+            write_png(&path, &rgb, (camera.width, camera.height)).unwrap();
+            let camera = camera.clone();
+            DataView { camera, image_path: path, split: Split::Train, distortion: None, mask_path: None }
+        };
+        self.cameras.iter().zip(&self.targets).map(file).collect()
+    }
+
     pub(crate) fn views(&self, gpu: &Arc<Gpu>) -> TrainViews {
         let view = |(camera, targets): (&Camera, &Vec<u32>)| LoadedView {
             image: ViewImage {
@@ -104,11 +129,22 @@ struct Run {
     scene: InstancedScene,
 }
 
-/// Runs `steps` steps from `scene`; `view` is the view of a step. The SH degree rises from `first_degree` every ten steps.
+/// Like [`run_with`], with all pictures on the device.
 fn run(
     gpu: &Arc<Gpu>,
     scene: &InstancedScene,
     data: &Data,
+    intersections: Option<u32>,
+    steps: (u64, u32, impl Fn(u64) -> usize),
+) -> Run {
+    run_with(gpu, scene, data.views(gpu), intersections, steps)
+}
+
+/// Runs `steps` steps from `scene`; `view` is the view of a step. The SH degree rises from `first_degree` every ten steps.
+fn run_with(
+    gpu: &Arc<Gpu>,
+    scene: &InstancedScene,
+    mut views: TrainViews,
     intersections: Option<u32>,
     (steps, first_degree, view): (u64, u32, impl Fn(u64) -> usize),
 ) -> Run {
@@ -117,7 +153,6 @@ fn run(
         runner.set_intersections(intersections);
     }
     let mut state = DeviceState::new(gpu, scene, runner.chunk_size()).unwrap();
-    let mut views = data.views(gpu);
     let (mut outcomes, mut grown_after) = (Vec::<StepOutcome>::new(), Vec::new());
     for step in 0..steps {
         let outcome = runner
@@ -246,6 +281,30 @@ fn overflow_in_the_middle_changes_nothing() {
     let tiny = run(&gpu, &start, &data, Some(1), (24, 0, view));
     assert!(bits(&tiny.scene) == bits(&want.scene) && tiny.outcomes == want.outcomes);
     println!("grown after {:?} and {:?}", late.grown_after, tiny.grown_after);
+    assert_silent(&gpu);
+}
+
+/// Pictures that come to the device with the steps that use them: what is learned is the same, bit by bit, also by steps that
+/// are repeated for want of room.
+#[test]
+fn streamed_pictures_change_nothing() {
+    const SEED: u64 = 5;
+    let Some(gpu) = gpu() else { return };
+    let (truth, start, target) = instanced();
+    let data = Data::of(&truth, target).repeated(7);
+    let folder = tempfile::tempdir().unwrap();
+    let files = data.files(folder.path());
+    let view = |step: u64| epoch_order(SEED, step / 7, 7)[(step % 7) as usize];
+    let want = run(&gpu, &start, &data, Some(1 << 18), (24, 0, view));
+    let bytes_of_two: u32 = SIZES[..2].iter().map(|(width, height)| 4 * width * height).sum();
+    for (budget_bytes, resident) in [(0, 0), (u64::from(bytes_of_two), 2)] {
+        let plan = ViewsPlan { views: &files, width: None, budget_bytes, seed: SEED, first_step: 0 };
+        let views = TrainViews::load(&gpu, &plan, || ()).unwrap();
+        assert_eq!(views.resident(), resident);
+        let got = run_with(&gpu, &start, views, Some(1), (24, 0, view));
+        assert!(!got.grown_after.is_empty());
+        assert!(bits(&got.scene) == bits(&want.scene) && got.outcomes == want.outcomes, "{resident} stay");
+    }
     assert_silent(&gpu);
 }
 

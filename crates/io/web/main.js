@@ -104,6 +104,15 @@ function foldPanel(isFolded) {
   byId("fold-panel").setAttribute("aria-expanded", String(!isFolded));
 }
 
+/** Folds the panel where there is no room for it, until it is folded by hand. A frame has no width yet when its page starts. */
+function foldWhereNarrow() {
+  const narrow = matchMedia("(max-width: 700px)");
+  const follow = () => foldPanel(narrow.matches);
+  narrow.addEventListener("change", follow);
+  byId("fold-panel").addEventListener("click", () => narrow.removeEventListener("change", follow), { once: true });
+  follow();
+}
+
 /** @param {string} theme */
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
@@ -186,7 +195,7 @@ async function rendererOf(canvas, scene) {
 async function start() {
   document.body.classList.toggle("in-frame", IS_FRAMED);
   restoreTheme();
-  foldPanel(matchMedia("(max-width: 700px)").matches);
+  foldWhereNarrow();
   const worker = startWorker();
   const scene = await unpacked(worker);
   const canvas = /** @type {HTMLCanvasElement} */ (byId("picture"));

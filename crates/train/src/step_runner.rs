@@ -242,9 +242,8 @@ impl StepRunner {
         plan: &StepPlan,
         slot: usize,
     ) -> Result<Ticket, TrainError> {
-        let view = views.get(plan.view)?;
+        views.prepare(plan.view)?;
         let start = Instant::now();
-        let train_view = TrainView { camera: &view.camera, options: plan.options };
         let step = plan.step as u32;
         self.frame.prepare(&state.scene, self.largest_px, plan.sh_degree, !plan.rates.poses.are_held())?;
         let begin = Instant::now();
@@ -252,6 +251,8 @@ impl StepRunner {
         // lavapipe resets timestamps under a lock that the submission in progress holds: that is waiting for the device.
         let waited = if self.gpu.caps().is_llvmpipe { begin.elapsed() } else { Duration::ZERO };
         let recorder = &mut self.recorders[slot];
+        let view = views.record(plan.view, recorder)?;
+        let train_view = TrainView { camera: &view.camera, options: plan.options };
         self.frame.record_forward(recorder, &state.scene, &train_view)?;
         let size_px = [view.camera.width, view.camera.height];
         let exposed_view = ExposedView { view: plan.view, size_px, background: plan.options.background };
@@ -284,6 +285,7 @@ impl StepRunner {
         let bytes = readback.bytes();
         recorder.copy(&self.log.records, readback, bytes)?;
         let ticket = recorder.submit()?;
+        views.submitted(plan.view);
         self.times.host += start.elapsed() - waited;
         Ok(ticket)
     }

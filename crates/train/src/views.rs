@@ -1,5 +1,6 @@
 //! The training pictures on the device: all of them if they fit, else the first ones permanently and the others in
-//! turn, decoded ahead by worker threads.
+//! turn, decoded ahead by worker threads. A picture of the others is copied to the device by the step that uses it, so that
+//! nothing waits for the copy.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -8,7 +9,7 @@ use std::sync::Arc;
 use instgs_io::view_image::{IGNORED, LoadedView, ViewImage};
 use instgs_io::{IoError, View};
 use instgs_vk::gpu::staging::upload;
-use instgs_vk::gpu::{Buffer, Gpu};
+use instgs_vk::gpu::{Buffer, Gpu, Recorder};
 use instgs_vk::scene::Camera;
 
 use super::error::TrainError;
@@ -26,13 +27,23 @@ pub struct DeviceView {
 /// Streamed pictures that stay on the device: those of the steps in flight, in case they are repeated, and the next.
 const STREAMED: usize = 4;
 
+/// A picture that is on the device for a few steps.
+struct Streamed {
+    index: usize,
+    view: DeviceView,
+    /// The same pixels in memory that the host writes.
+    staging: Buffer<u32>,
+    /// True once a step that copies the pixels to the device has been submitted.
+    is_copied: bool,
+}
+
 /// Provides the steps with their pictures.
 pub struct TrainViews {
     gpu: Arc<Gpu>,
     /// The first views, as many as fit the budget.
     resident: Vec<DeviceView>,
     /// The most recently used of the others.
-    streamed: VecDeque<(usize, DeviceView)>,
+    streamed: VecDeque<Streamed>,
     prefetcher: Option<Prefetcher>,
     count: usize,
     largest_px: [u32; 2],
@@ -111,30 +122,64 @@ impl TrainViews {
         Ok(out)
     }
 
-    /// Picture `index`, in the order of steps from the first one on; the last few may be asked for again.
-    pub fn get(&mut self, index: usize) -> Result<&DeviceView, TrainError> {
+    /// Has picture `index` ready to be recorded; waits until it is decoded. Steps ask in their order, from the first one on;
+    /// the last few may be asked for again.
+    ///
+    /// # Errors
+    /// The picture cannot be read, or is not the next of the sequence; the device's memory is full.
+    pub fn prepare(&mut self, index: usize) -> Result<(), TrainError> {
+        if index < self.resident.len() {
+            return Ok(());
+        }
+        if let Some(place) = self.place_of(index) {
+            // The picture last used moves to the end, so that steps in flight find theirs again.
+            self.streamed.make_contiguous()[place..].rotate_left(1);
+            return Ok(());
+        }
+        let loaded = self.next_streamed(index)?;
+        let pixels = pixels_of(&loaded);
+        // The picture used least recently is that of a step long collected.
+        let oldest = if self.streamed.len() < STREAMED { None } else { self.streamed.pop_front() };
+        let (mut staging, targets) = match oldest {
+            Some(oldest) if oldest.staging.len() == pixels.len() => (oldest.staging, oldest.view.targets),
+            _ => {
+                let staging = Buffer::for_upload(&self.gpu, "training picture on the host", pixels.len())?;
+                (staging, Buffer::new(&self.gpu, "training picture", pixels.len())?)
+            }
+        };
+        staging.write_mapped(&pixels)?;
+        let view = DeviceView { camera: loaded.camera.clone(), targets };
+        self.streamed.push_back(Streamed { index, view, staging, is_copied: false });
+        Ok(())
+    }
+
+    /// Picture `index`, which was prepared; records its copy to the device if it is not there yet.
+    pub fn record(&mut self, index: usize, recorder: &mut Recorder) -> Result<&DeviceView, TrainError> {
         if index < self.resident.len() {
             return Ok(&self.resident[index]);
         }
-        if let Some(place) = self.streamed.iter().position(|(i, _)| *i == index) {
-            // The picture last used moves to the end, so that steps in flight find theirs again.
-            self.streamed.make_contiguous()[place..].rotate_left(1);
-        } else {
-            let view = self.next_streamed(index)?;
-            if self.streamed.len() >= STREAMED {
-                self.streamed.pop_front();
-            }
-            self.streamed.push_back((index, view));
+        let place = self.place_of(index).ok_or(TrainError::UnknownView(index))?;
+        let Streamed { view, staging, is_copied, .. } = &mut self.streamed[place];
+        if !*is_copied {
+            recorder.copy(staging, &mut view.targets, staging.bytes())?;
         }
-        let found = self.streamed.iter().find(|(i, _)| *i == index);
-        found.map(|(_, view)| view).ok_or(TrainError::UnknownView(index))
+        Ok(view)
     }
 
-    fn next_streamed(&mut self, index: usize) -> Result<DeviceView, TrainError> {
+    /// The step that [`TrainViews::record`] was called for is submitted.
+    pub fn submitted(&mut self, index: usize) {
+        self.streamed.iter_mut().filter(|s| s.index == index).for_each(|s| s.is_copied = true);
+    }
+
+    fn place_of(&self, index: usize) -> Option<usize> {
+        self.streamed.iter().position(|s| s.index == index)
+    }
+
+    fn next_streamed(&mut self, index: usize) -> Result<Arc<LoadedView>, TrainError> {
         for loaded in self.prefetcher.iter_mut().flatten() {
             let (found, view) = loaded?;
             if found == index {
-                return Ok(device_view(&self.gpu, &view)?);
+                return Ok(view);
             }
         }
         Err(TrainError::NotPrefetched(index))
@@ -189,6 +234,9 @@ impl TrainViews {
 }
 
 fn device_view(gpu: &Arc<Gpu>, view: &LoadedView) -> Result<DeviceView, instgs_vk::gpu::GpuError> {
-    let pixels: Vec<u32> = view.image.rgba.iter().map(|p| u32::from_le_bytes(*p)).collect();
-    Ok(DeviceView { camera: view.camera.clone(), targets: upload(gpu, "training picture", &pixels)? })
+    Ok(DeviceView { camera: view.camera.clone(), targets: upload(gpu, "training picture", &pixels_of(view))? })
+}
+
+fn pixels_of(view: &LoadedView) -> Vec<u32> {
+    view.image.rgba.iter().map(|p| u32::from_le_bytes(*p)).collect()
 }
