@@ -101,7 +101,10 @@ fn tiles(report: &RunReport) -> String {
     all.push((if two_phases { "Gaussians expanded" } else { "Gaussians" }, count(report.gaussians.expanded)));
     all.push((if two_phases { "wall time, both phases" } else { "wall time" }, duration(report.seconds)));
     let speed = if two_phases { "steps per second, joint phase" } else { "steps per second" };
-    all.push((speed, fixed(report.steps_per_second, 2)));
+    // A finished run that is resumed takes no step.
+    if report.steps_per_second > 0.0 {
+        all.push((speed, fixed(report.steps_per_second, 2)));
+    }
     all.extend(report.joint_match.map(|m| ("until the plain cloud's loss", duration(m.seconds))));
     all.push(("file", bytes(report.bytes.file)));
     all.push(("device memory, peak", bytes(report.bytes.device_peak)));
