@@ -137,14 +137,14 @@ fn run(
     intersections: Option<u32>,
     steps: (u64, u32, impl Fn(u64) -> usize),
 ) -> Run {
-    run_with(gpu, scene, data.views(gpu), intersections, steps)
+    run_with(gpu, scene, (data.views(gpu), &[]), intersections, steps)
 }
 
-/// Runs `steps` steps from `scene`; `view` is the view of a step. The SH degree rises from `first_degree` every ten steps.
+/// Pictures give way before the steps named. Runs `steps` steps from `scene`; `view` is the view of a step. The SH degree rises from `first_degree` every ten steps.
 fn run_with(
     gpu: &Arc<Gpu>,
     scene: &InstancedScene,
-    mut views: TrainViews,
+    (mut views, give_way_at): (TrainViews, &[u64]),
     intersections: Option<u32>,
     (steps, first_degree, view): (u64, u32, impl Fn(u64) -> usize),
 ) -> Run {
@@ -155,6 +155,9 @@ fn run_with(
     let mut state = DeviceState::new(gpu, scene, runner.chunk_size()).unwrap();
     let (mut outcomes, mut grown_after) = (Vec::<StepOutcome>::new(), Vec::new());
     for step in 0..steps {
+        if give_way_at.contains(&step) {
+            assert!(views.give_way(step).unwrap(), "step {step}");
+        }
         let outcome = runner
             .submit(
                 &mut state,
@@ -284,8 +287,8 @@ fn overflow_in_the_middle_changes_nothing() {
     assert_silent(&gpu);
 }
 
-/// Pictures that come to the device with the steps that use them: what is learned is the same, bit by bit, also by steps that
-/// are repeated for want of room.
+/// Pictures that come to the device with the steps that use them, from the start or once memory is short: what is learned is the
+/// same, bit by bit, also by steps that are repeated for want of room.
 #[test]
 fn streamed_pictures_change_nothing() {
     const SEED: u64 = 5;
@@ -297,13 +300,20 @@ fn streamed_pictures_change_nothing() {
     let view = |step: u64| epoch_order(SEED, step / 7, 7)[(step % 7) as usize];
     let want = run(&gpu, &start, &data, Some(1 << 18), (24, 0, view));
     let bytes_of_two: u32 = SIZES[..2].iter().map(|(width, height)| 4 * width * height).sum();
-    for (budget_bytes, resident) in [(0, 0), (u64::from(bytes_of_two), 2)] {
+    let all = (u64::MAX, 7);
+    // Two steps are in flight when pictures give way, and the first ones are repeated.
+    for ((budget_bytes, resident), give_way_at) in
+        [((0, 0), &[][..]), ((u64::from(bytes_of_two), 2), &[]), (all, &[1, 2, 10]), (all, &[2]), (all, &[3, 9])]
+    {
         let plan = ViewsPlan { views: &files, width: None, budget_bytes, seed: SEED, first_step: 0 };
         let views = TrainViews::load(&gpu, &plan, || ()).unwrap();
         assert_eq!(views.resident(), resident);
-        let got = run_with(&gpu, &start, views, Some(1), (24, 0, view));
+        let got = run_with(&gpu, &start, (views, give_way_at), Some(1), (24, 0, view));
         assert!(!got.grown_after.is_empty());
-        assert!(bits(&got.scene) == bits(&want.scene) && got.outcomes == want.outcomes, "{resident} stay");
+        assert!(
+            bits(&got.scene) == bits(&want.scene) && got.outcomes == want.outcomes,
+            "{resident} stay {give_way_at:?}"
+        );
     }
     assert_silent(&gpu);
 }

@@ -225,11 +225,16 @@ impl StepRunner {
 
     fn record(&mut self, state: &mut DeviceState, views: &mut TrainViews, plan: StepPlan) -> Result<(), TrainError> {
         let slot = self.next_slot;
-        let result = self.record_in(state, views, &plan, slot);
-        if result.is_err() {
+        let ticket = loop {
+            let error = match self.record_in(state, views, &plan, slot) {
+                Ok(ticket) => break ticket,
+                Err(error) => error,
+            };
             self.recorders[slot].abandon();
-        }
-        let ticket = result?;
+            if error.missing_bytes().is_none() || !views.give_way(plan.step)? {
+                return Err(error);
+            }
+        };
         self.next_slot = (slot + 1) % IN_FLIGHT;
         self.in_flight.push_back(InFlight { plan, ticket, slot });
         Ok(())

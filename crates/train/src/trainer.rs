@@ -470,6 +470,7 @@ impl<'a> Run<'a> {
 
     fn report(&mut self, outcome: &StepOutcome, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         let step = outcome.step + 1;
+        self.views.take_given_way().iter().try_for_each(|text| sink.warn(text))?;
         for grown_to in self.runner.take_grown() {
             let what = "(splat, tile) pairs".into();
             sink.event(&Event::Overflow { step: outcome.step, what, grown_to: u64::from(grown_to) })?;
@@ -508,6 +509,7 @@ impl<'a> Run<'a> {
     /// Clones, splits, prunes, and resets opacities if the schedule says so.
     fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         let config = &self.job.config;
+        while config.densifies_at(done) && self.memory_is_tight() && self.views.give_way(done)? {}
         // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first.
         let saved = if config.densifies_at(done) && self.memory_is_tight() {
             sink.flush()?;

@@ -1,6 +1,6 @@
 //! The training pictures on the device: all of them if they fit, else the first ones permanently and the others in
 //! turn, decoded ahead by worker threads. A picture of the others is copied to the device by the step that uses it, so that
-//! nothing waits for the copy.
+//! nothing waits for the copy. Where memory runs out, pictures that stay give way to what cannot be streamed.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -31,8 +31,8 @@ const STREAMED: usize = 4;
 struct Streamed {
     index: usize,
     view: DeviceView,
-    /// The same pixels in memory that the host writes.
-    staging: Buffer<u32>,
+    /// The same pixels in memory that the host writes; `None` if the picture was on the device already.
+    staging: Option<Buffer<u32>>,
     /// True once a step that copies the pixels to the device has been submitted.
     is_copied: bool,
 }
@@ -50,6 +50,19 @@ pub struct TrainViews {
     bytes: u64,
     /// A photo whose mask leaves nothing, and the number of such photos.
     hidden: Option<(PathBuf, usize)>,
+    /// The files of the pictures, for those that are streamed; `None` if there are none.
+    files: Option<Files>,
+    /// The pictures of the last steps, the newest at the end.
+    last_used: VecDeque<usize>,
+    /// Number of pictures that stay since some gave way, if that has not been reported yet.
+    given_way: Option<usize>,
+}
+
+/// Where pictures are decoded from, and in which order steps ask for them.
+struct Files {
+    views: Vec<View>,
+    width: Option<u32>,
+    seed: u64,
 }
 
 /// Which pictures are loaded, and in which order.
@@ -82,6 +95,9 @@ impl TrainViews {
             largest_px: [0; 2],
             bytes: 0,
             hidden: None,
+            files: Some(Files { views: plan.views.to_vec(), width: plan.width, seed: plan.seed }),
+            last_used: VecDeque::new(),
+            given_way: None,
         };
         let mut full = false;
         load_all::<TrainError>(plan.views, plan.width, PrefetchLimits::default(), &mut |index, loaded| {
@@ -108,18 +124,57 @@ impl TrainViews {
             return Err(IoError::new(path, what).advise(advice).into());
         }
         if out.resident.len() < out.count {
-            let resident = out.resident.len();
-            let mut order = ViewOrder::new(plan.seed, out.count);
-            let sequence =
-                (plan.first_step..).map_while(move |step| order.view_at(step)).filter(move |&i| i >= resident);
-            // On other devices, device memory is the machine's memory, which is already full.
-            let limits = match gpu.caps().device_type {
-                "discrete" => PrefetchLimits::with_cache(),
-                _ => PrefetchLimits::default(),
-            };
-            out.prefetcher = Some(Prefetcher::new(plan.views.to_vec(), plan.width, sequence, limits));
+            out.stream_from(plan.first_step);
         }
         Ok(out)
+    }
+
+    /// Begins to decode the pictures that do not stay, for the steps from `step` on.
+    fn stream_from(&mut self, step: u64) {
+        let Some(files) = &self.files else { return };
+        let (resident, mut order) = (self.resident.len(), ViewOrder::new(files.seed, self.count));
+        let sequence = (step..).map_while(move |step| order.view_at(step)).filter(move |&i| i >= resident);
+        // On other devices, device memory is the machine's memory, which is already full.
+        let limits = match self.gpu.caps().device_type {
+            "discrete" => PrefetchLimits::with_cache(),
+            _ => PrefetchLimits::default(),
+        };
+        self.prefetcher = Some(Prefetcher::new(files.views.clone(), files.width, sequence, limits));
+    }
+
+    /// Takes half of the pictures that stay off the device, at least one; from `step` on they are streamed. Waits for the
+    /// device. False if none stays, or they have no files.
+    pub fn give_way(&mut self, step: u64) -> Result<bool, TrainError> {
+        if self.resident.is_empty() || self.files.is_none() {
+            return Ok(false);
+        }
+        self.gpu.wait_all()?;
+        let kept = self.resident.len() / 2;
+        for (index, view) in (kept..).zip(self.resident.split_off(kept)) {
+            self.bytes -= view.targets.bytes();
+            // Steps in flight may be repeated.
+            if self.last_used.contains(&index) {
+                self.streamed.push_back(Streamed { index, view, staging: None, is_copied: true });
+            }
+        }
+        // The newest at the end, and those that no step in flight uses first.
+        let used = |s: &Streamed| self.last_used.iter().rposition(|index| *index == s.index);
+        self.streamed.make_contiguous().sort_by_key(used);
+        while self.streamed.len() > STREAMED {
+            self.streamed.pop_front();
+        }
+        self.stream_from(step);
+        self.given_way = Some(kept);
+        Ok(true)
+    }
+
+    /// What there is to say if pictures gave way since the last call.
+    pub fn take_given_way(&mut self) -> Option<String> {
+        let kept = self.given_way.take()?;
+        Some(format!(
+            "device memory is short: {kept} of {} photos stay on the device, the others are copied to it again and again",
+            self.count
+        ))
     }
 
     /// Has picture `index` ready to be recorded; waits until it is decoded. Steps ask in their order, from the first one on;
@@ -128,6 +183,10 @@ impl TrainViews {
     /// # Errors
     /// The picture cannot be read, or is not the next of the sequence; the device's memory is full.
     pub fn prepare(&mut self, index: usize) -> Result<(), TrainError> {
+        self.last_used.push_back(index);
+        if self.last_used.len() > STREAMED {
+            self.last_used.pop_front();
+        }
         if index < self.resident.len() {
             return Ok(());
         }
@@ -141,7 +200,9 @@ impl TrainViews {
         // The picture used least recently is that of a step long collected.
         let oldest = if self.streamed.len() < STREAMED { None } else { self.streamed.pop_front() };
         let (mut staging, targets) = match oldest {
-            Some(oldest) if oldest.staging.len() == pixels.len() => (oldest.staging, oldest.view.targets),
+            Some(Streamed { staging: Some(staging), view, .. }) if staging.len() == pixels.len() => {
+                (staging, view.targets)
+            }
             _ => {
                 let staging = Buffer::for_upload(&self.gpu, "training picture on the host", pixels.len())?;
                 (staging, Buffer::new(&self.gpu, "training picture", pixels.len())?)
@@ -149,7 +210,7 @@ impl TrainViews {
         };
         staging.write_mapped(&pixels)?;
         let view = DeviceView { camera: loaded.camera.clone(), targets };
-        self.streamed.push_back(Streamed { index, view, staging, is_copied: false });
+        self.streamed.push_back(Streamed { index, view, staging: Some(staging), is_copied: false });
         Ok(())
     }
 
@@ -160,7 +221,7 @@ impl TrainViews {
         }
         let place = self.place_of(index).ok_or(TrainError::UnknownView(index))?;
         let Streamed { view, staging, is_copied, .. } = &mut self.streamed[place];
-        if !*is_copied {
+        if let (Some(staging), false) = (staging, *is_copied) {
             recorder.copy(staging, &mut view.targets, staging.bytes())?;
         }
         Ok(view)
@@ -229,6 +290,9 @@ impl TrainViews {
             prefetcher: None,
             largest_px: [largest(|i| i.width), largest(|i| i.height)],
             hidden: None,
+            files: None,
+            last_used: VecDeque::new(),
+            given_way: None,
         })
     }
 }
