@@ -231,6 +231,7 @@ impl StepRunner {
                 Err(error) => error,
             };
             self.recorders[slot].abandon();
+            // Photos can be streamed, and Gaussians and the buffers of a step cannot.
             if error.missing_bytes().is_none() || !views.give_way(plan.step)? {
                 return Err(error);
             }

@@ -509,6 +509,7 @@ impl<'a> Run<'a> {
     /// Clones, splits, prunes, and resets opacities if the schedule says so.
     fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         let config = &self.job.config;
+        // A densification that has begun cannot be repeated, so photos give way before it.
         while config.densifies_at(done) && self.memory_is_tight() && self.views.give_way(done)? {}
         // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first.
         let saved = if config.densifies_at(done) && self.memory_is_tight() {

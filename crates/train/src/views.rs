@@ -142,8 +142,11 @@ impl TrainViews {
         self.prefetcher = Some(Prefetcher::new(files.views.clone(), files.width, sequence, limits));
     }
 
-    /// Takes half of the pictures that stay off the device, at least one; from `step` on they are streamed. Waits for the
-    /// device. False if none stays, or they have no files.
+    /// Takes half of the pictures that stay off the device, at least one, and waits for the device, so that their memory is
+    /// free; from `step` on, which is the next to be recorded, they are streamed. False if none stays, or they have no files.
+    ///
+    /// # Errors
+    /// The device failed.
     pub fn give_way(&mut self, step: u64) -> Result<bool, TrainError> {
         if self.resident.is_empty() || self.files.is_none() {
             return Ok(false);
@@ -183,7 +186,10 @@ impl TrainViews {
     /// # Errors
     /// The picture cannot be read, or is not the next of the sequence; the device's memory is full.
     pub fn prepare(&mut self, index: usize) -> Result<(), TrainError> {
-        self.last_used.push_back(index);
+        // A step that is recorded again counts once: a picture of a step in flight that were forgotten would be decoded again.
+        if self.last_used.back() != Some(&index) {
+            self.last_used.push_back(index);
+        }
         if self.last_used.len() > STREAMED {
             self.last_used.pop_front();
         }
@@ -215,6 +221,9 @@ impl TrainViews {
     }
 
     /// Picture `index`, which was prepared; records its copy to the device if it is not there yet.
+    ///
+    /// # Errors
+    /// It was not prepared, or the recording failed.
     pub fn record(&mut self, index: usize, recorder: &mut Recorder) -> Result<&DeviceView, TrainError> {
         if index < self.resident.len() {
             return Ok(&self.resident[index]);

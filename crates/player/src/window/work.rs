@@ -39,7 +39,7 @@ enum Kind {
 }
 
 /// Which scene is read.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy)]
 enum Opened {
     /// The one that the window was opened for.
     First,
