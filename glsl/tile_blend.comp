@@ -2,8 +2,8 @@
 // Blends each tile's splats front to back: colour, alpha, expected depth.
 //
 // One subgroup owns an 8x8 block of pixels, `64 / SUBGROUP_SIZE` pixels a lane. Its lanes load one splat each, and the
-// subgroup walks them by shuffle: no work-group barrier, no shared memory. The walk is unrolled, so the shuffles have
-// constant lanes. Pixel rules: alpha < 1/255 or sigma < 0 is skipped, alpha is clamped at 0.99, and the splat that would
+// subgroup walks them by shuffle or through its part of the shared memory: no work-group barrier. Where the walk is
+// unrolled the shuffles have constant lanes. Pixel rules: alpha < 1/255 or sigma < 0 is skipped, alpha is clamped at 0.99, and the splat that would
 // bring T below 1e-4 ends the pixel and is not blended.
 //
 // - Reads: 40 bytes a splat and 4 a list entry, once per 8x8 block; the tile's range; counters.
@@ -31,8 +31,12 @@ layout(scalar, push_constant) uniform TileBlendParams {
 };
 
 #include "blend.glsl"
+#include "staging.glsl"
 
 layout(constant_id = 4) const uint TRAINING = 0;
+
+// Splats whose code is unrolled; a divisor of SUBGROUP_SIZE.
+layout(constant_id = 5) const uint SPLATS_UNROLLED = 8;
 
 struct Pixel {
     vec3 color;  // sum of w c
@@ -74,26 +78,30 @@ void main() {
         mine.b.x *= -0.5 * LOG2_E;
         // Past the end of the list: opacity 0 blends nothing.
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
-        // Unrolled: constant shuffles, and the loop's masks are applied once per SUBGROUP_SIZE splats.
-        [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
-            vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
-            float opacity = subgroupShuffle(mine.b.y, j);
-            vec3 color = vec3(subgroupShuffle(mine.b.z, j), subgroupShuffle(mine.b.w, j), subgroupShuffle(mine.c.x, j));
-            float depth = subgroupShuffle(mine.c.y, j);
-            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
-            [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-                vec2 d = delta + vec2(pixel_step(p));
-                float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
-                float alpha = min(ALPHA_MAX, opacity * exp2(q));
-                bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
-                float t_next = pixels[p].t * (1.0 - alpha);
-                bool blended = all(bvec2(hit, t_next >= T_STOP));
-                float weight = mix(0.0, alpha * pixels[p].t, blended);
-                // A splat that would bring T below the limit ends the pixel and is not blended.
-                pixels[p].t = mix(pixels[p].t, mix(0.0, t_next, blended), hit);
-                pixels[p].color += weight * color;
-                pixels[p].alpha += weight;
-                pixels[p].depth += weight * depth;
+        stage(mine);
+        // Where all are unrolled, shuffles are constant, and the loop's masks are applied once per SUBGROUP_SIZE splats.
+        for (uint first = 0; first < SUBGROUP_SIZE; first += SPLATS_UNROLLED) {
+            [[unroll]] for (uint k = 0; k < SPLATS_UNROLLED; ++k) {
+                Splat splat = splat_of_lane(mine, first + k);
+                vec2 delta = center - splat.a.xy;
+                float opacity = splat.b.y;
+                vec3 color = vec3(splat.b.zw, splat.c.x);
+                float depth = splat.c.y;
+                float xx = splat.a.z, xy = splat.a.w, yy = splat.b.x;
+                [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+                    vec2 d = delta + vec2(pixel_step(p));
+                    float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
+                    float alpha = min(ALPHA_MAX, opacity * exp2(q));
+                    bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
+                    float t_next = pixels[p].t * (1.0 - alpha);
+                    bool blended = all(bvec2(hit, t_next >= T_STOP));
+                    float weight = mix(0.0, alpha * pixels[p].t, blended);
+                    // A splat that would bring T below the limit ends the pixel and is not blended.
+                    pixels[p].t = mix(pixels[p].t, mix(0.0, t_next, blended), hit);
+                    pixels[p].color += weight * color;
+                    pixels[p].alpha += weight;
+                    pixels[p].depth += weight * depth;
+                }
             }
         }
         float live = 0.0;

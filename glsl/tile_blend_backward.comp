@@ -21,6 +21,7 @@
 #include "common.glsl"
 #include "splat.glsl"
 #include "blend.glsl"
+#include "staging.glsl"
 #include "gradients.glsl"
 
 layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };                            // projected splats by slot
@@ -66,10 +67,11 @@ SplatMoments merged(SplatMoments low, SplatMoments high, uint mask) {
 
 // What this lane's pixels say about the splat of lane `from`, which is blended into them.
 SplatMoments sums_of_splat(Splat mine, uint from, vec2 center, inout Pixel pixels[PIXELS_PER_LANE]) {
-    vec2 delta = center - vec2(subgroupShuffle(mine.a.x, from), subgroupShuffle(mine.a.y, from));
-    float opacity = subgroupShuffle(mine.b.y, from);
-    vec3 color = vec3(subgroupShuffle(mine.b.z, from), subgroupShuffle(mine.b.w, from), subgroupShuffle(mine.c.x, from));
-    float xx = subgroupShuffle(mine.a.z, from), xy = subgroupShuffle(mine.a.w, from), yy = subgroupShuffle(mine.b.x, from);
+    Splat splat = splat_of_lane(mine, from);
+    vec2 delta = center - splat.a.xy;
+    float opacity = splat.b.y;
+    vec3 color = vec3(splat.b.zw, splat.c.x);
+    float xx = splat.a.z, xy = splat.a.w, yy = splat.b.x;
     SplatMoments sum = SplatMoments(vec3[](vec3(0.0), vec3(0.0), vec3(0.0)));
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         vec2 d = delta + vec2(pixel_step(p));
@@ -154,6 +156,7 @@ void main() {
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
+        stage(mine);
         if (transpose == 0) {
             // Partly unrolled: the code of all splats of a subgroup would not fit the instruction caches of GPUs.
             [[dont_unroll]] for (uint first = 0; first < SUBGROUP_SIZE; first += SPLATS_UNROLLED) {

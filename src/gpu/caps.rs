@@ -4,6 +4,8 @@ use std::ffi::CStr;
 
 use ash::vk;
 
+use super::tuning::Tuning;
+
 /// Limits and features of one device that kernels and plans depend on.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DeviceCaps {
@@ -44,6 +46,8 @@ pub struct DeviceCaps {
     /// Number of loop iterations after which the driver silently ends the loops of a shader invocation; `None` = no
     /// such limit. Mesa's gallivm counts down from 65535 over all loops of a function.
     pub loop_iteration_limit: Option<u32>,
+    /// Numbers that replace those that are picked for the device; empty but for measurements.
+    pub tuning: Tuning,
 }
 
 /// gallivm's limit (`LP_MAX_TGSI_LOOP_ITERATIONS`, still there in Mesa 22.3 for compute shaders).
@@ -95,6 +99,7 @@ impl DeviceCaps {
             is_intel: core.vendor_id == INTEL_VENDOR_ID,
             is_llvmpipe,
             loop_iteration_limit: is_llvmpipe.then_some(LLVMPIPE_LOOP_LIMIT),
+            tuning: Tuning::default(),
         }
     }
 

@@ -19,6 +19,7 @@ use super::memory::Memory;
 use super::pipeline::PipelineStore;
 use super::statistics::DriverStatistics;
 use super::timeline::{SubmissionCounts, Ticket, Timeline};
+use super::tuning::Tuning;
 use super::validation::ValidationMessages;
 
 /// Selects one of the machine's devices.
@@ -56,6 +57,8 @@ pub struct GpuOptions {
     pub most_storage_buffers: Option<u32>,
     /// Pretend that a binding has at most this many bytes, to test how large scenes behave on such a device.
     pub most_binding_bytes: Option<u64>,
+    /// Numbers that replace those that are picked for the device.
+    pub tuning: Tuning,
     /// Faults to plant, to test what becomes of them.
     pub faults: Option<Arc<Faults>>,
 }
@@ -132,6 +135,7 @@ impl Gpu {
         let (physical, mut caps) = choose_device(&instance, &options.device)?;
         caps.max_storage_bytes = caps.max_storage_bytes.min(options.most_binding_bytes.unwrap_or(u64::MAX));
         caps.max_storage_buffers = caps.max_storage_buffers.min(options.most_storage_buffers.unwrap_or(u32::MAX));
+        caps.tuning = options.tuning.clone();
         let opened = OwnedDevice::new(&instance, physical, &caps, options)?;
         let device = opened.device.clone();
         let (queue_family, timestamp_bits) = (opened.queue_family, opened.timestamp_bits);

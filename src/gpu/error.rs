@@ -83,6 +83,9 @@ pub enum GpuError {
         /// Description of the problem.
         reason: String,
     },
+    /// The tuning cannot be read, or does not fit the device.
+    #[error("INSTGS_TUNING: {0}")]
+    Tuning(String),
     /// The faults to plant cannot be read.
     #[error("{0}")]
     Faults(String),

@@ -27,6 +27,7 @@ pub mod staging;
 mod statistics;
 pub mod timeline;
 mod transfers;
+mod tuning;
 pub mod validation;
 
 pub use ash::vk;
@@ -41,3 +42,4 @@ pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
 pub use statistics::{CompiledPipeline, Executable};
 pub use timeline::{SubmissionCounts, Ticket};
+pub use tuning::Tuning;

@@ -245,8 +245,16 @@ impl Pipelines {
             plan_slab: compiler.compile(size, &[])?,
             emit_intersections: compiler.compile(size, &[tile, training_constant])?,
             tile_ranges: compiler.compile(size, &[])?,
-            tile_blend: compiler
-                .compile(variant.blend_workgroup_size, &[tile, columns_per_lane(&variant), training_constant])?,
+            tile_blend: compiler.compile(
+                variant.blend_workgroup_size,
+                &[
+                    tile,
+                    columns_per_lane(&variant),
+                    training_constant,
+                    stage_splats(&variant),
+                    ("SPLATS_UNROLLED", variant.splats_unrolled),
+                ],
+            )?,
         })
     }
 }
@@ -254,6 +262,11 @@ impl Pipelines {
 /// At subgroup size 4, a row of 8 pixels has more pixels than the subgroup has lanes.
 fn columns_per_lane(variant: &Variant) -> (&'static str, u32) {
     ("COLUMNS_PER_LANE", (8 / variant.subgroup_size).max(1))
+}
+
+/// Shared memory takes the place of shuffles.
+fn stage_splats(variant: &Variant) -> (&'static str, u32) {
+    ("STAGE_SPLATS", u32::from(variant.stage_splats))
 }
 
 impl BackwardPipelines {
@@ -277,8 +290,16 @@ impl BackwardPipelines {
             image_loss_backward_rows: compiler.compile(size, &[])?,
             image_loss_backward_columns: compiler.compile(size, &[])?,
             train_status: compiler.compile(size, &[])?,
-            tile_blend_backward: compiler
-                .compile(variant.blend_workgroup_size, &[tile, columns_per_lane(&variant), transpose])?,
+            tile_blend_backward: compiler.compile(
+                variant.blend_workgroup_size,
+                &[
+                    tile,
+                    columns_per_lane(&variant),
+                    transpose,
+                    stage_splats(&variant),
+                    ("SPLATS_UNROLLED", variant.backward_splats_unrolled),
+                ],
+            )?,
             preprocess_instance_expand_backward: compiler.compile(
                 size,
                 &[&[("POSES", u32::from(poses)), traits.color_matrices_constant()][..], &traits.constants()].concat(),

@@ -1,6 +1,6 @@
 //! The sizes that kernels are compiled for on a device.
 
-use crate::gpu::DeviceCaps;
+use crate::gpu::{DeviceCaps, GpuError};
 
 /// Work-group shapes and tile size; a plain value that benchmarks and tests may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -19,11 +19,67 @@ pub struct Variant {
     pub tile_size: u32,
     /// The backward blend sums a subgroup of splats over lanes at once, instead of each splat alone.
     pub transpose_moments: bool,
+    /// The blends hand the splats of a subgroup to its lanes through shared memory instead of shuffles.
+    pub stage_splats: bool,
+    /// Splats whose code the forward blend repeats; a power of two up to `subgroup_size`, which is all of them.
+    pub splats_unrolled: u32,
+    /// The same of the backward blend where it sums each splat alone.
+    pub backward_splats_unrolled: u32,
 }
 
 impl Variant {
     /// The variant for a device: subgroups of 32 if available, of 16 on Intel's, else the largest size.
+    ///
+    /// With `caps.tuning` as there; without it where it does not fit, which [`Variant::tuned`] tells.
     pub fn for_device(caps: &DeviceCaps) -> Self {
+        Self::tuned(caps).unwrap_or_else(|_| Self::picked_for(caps))
+    }
+
+    /// The variant for a device, changed by `caps.tuning`: its names are those of the fields, and 0 and 1 are no and yes.
+    ///
+    /// # Errors
+    /// No such field, or a number that the field cannot have on this device.
+    pub fn tuned(caps: &DeviceCaps) -> Result<Self, GpuError> {
+        let subgroup_size = caps.tuning.numbers().find(|(name, _)| *name == "subgroup_size").map(|(_, size)| size);
+        let mut variant = match subgroup_size {
+            Some(size) if caps.subgroup_sizes().contains(&size) => Self::for_subgroup_size(caps, size),
+            Some(size) => return Err(GpuError::Tuning(format!("{} has no subgroups of {size}", caps.name))),
+            None => Self::picked_for(caps),
+        };
+        let subgroup_size = variant.subgroup_size;
+        let most = caps.max_workgroup_invocations.min(caps.max_workgroup_subgroups.saturating_mul(subgroup_size));
+        for (name, number) in caps.tuning.numbers() {
+            let (field, fits) = match name {
+                "subgroup_size" => continue,
+                "workgroup_size" => (&mut variant.workgroup_size, (subgroup_size..=most).contains(&number)),
+                "radix_workgroup_size" => (&mut variant.radix_workgroup_size, (subgroup_size..=most).contains(&number)),
+                "blend_workgroup_size" => (&mut variant.blend_workgroup_size, (subgroup_size..=most).contains(&number)),
+                "tile_size" => (&mut variant.tile_size, (8..=64).contains(&number)),
+                "splats_unrolled" => (&mut variant.splats_unrolled, (1..=subgroup_size).contains(&number)),
+                "backward_splats_unrolled" => {
+                    (&mut variant.backward_splats_unrolled, (1..=subgroup_size).contains(&number))
+                }
+                "match_by_ballot" | "transpose_moments" | "stage_splats" => {
+                    let flag = match name {
+                        "match_by_ballot" => &mut variant.match_by_ballot,
+                        "transpose_moments" => &mut variant.transpose_moments,
+                        _ => &mut variant.stage_splats,
+                    };
+                    *flag = number != 0;
+                    continue;
+                }
+                _ => return Err(GpuError::Tuning(format!("there is no {name:?}"))),
+            };
+            // Groups divide blocks of scan and sort, and tiles are divided into blocks of 8.
+            if !fits || !number.is_power_of_two() {
+                return Err(GpuError::Tuning(format!("{name} cannot be {number} on {}", caps.name)));
+            }
+            *field = number;
+        }
+        Ok(variant)
+    }
+
+    fn picked_for(caps: &DeviceCaps) -> Self {
         let preferred = preferred_subgroup_size(&caps.subgroup_sizes(), caps.is_intel);
         Self::for_subgroup_size(caps, preferred.unwrap_or(caps.max_subgroup_size))
     }
@@ -47,6 +103,9 @@ impl Variant {
             tile_size: 8,
             // The sums of a whole subgroup of splats do not fit the registers of GPUs, and at 32 lanes of nothing.
             transpose_moments: caps.is_llvmpipe && subgroup_size <= 16,
+            stage_splats: false,
+            splats_unrolled: subgroup_size,
+            backward_splats_unrolled: 4,
         }
     }
 }

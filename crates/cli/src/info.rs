@@ -99,14 +99,19 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
         blend_workgroup_size,
         tile_size,
         transpose_moments,
+        stage_splats,
+        splats_unrolled,
+        backward_splats_unrolled,
     } = variant;
     let matching = if *match_by_ballot { "ballots" } else { "shuffles" };
+    let sharing = if *stage_splats { "shared memory" } else { "shuffles" };
     let moments = if *transpose_moments { "transposition" } else { "scattering" };
     row(
         "variant",
         format!(
             "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}, \
-             blend {blend_workgroup_size}), tiles {tile_size}x{tile_size}, backward sums by {moments}"
+             blend {blend_workgroup_size}), tiles {tile_size}x{tile_size}, backward sums by {moments}, splats by \
+             {sharing} and unrolled {splats_unrolled} and {backward_splats_unrolled} at a time"
         ),
     );
     printer.line(table);

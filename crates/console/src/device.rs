@@ -5,7 +5,8 @@ use std::sync::Arc;
 use clap::Args;
 
 use crate::error::CliError;
-use instgs_vk::gpu::{DeviceChoice, Faults, Gpu, GpuOptions};
+use instgs_vk::gpu::{DeviceChoice, Faults, Gpu, GpuOptions, Tuning};
+use instgs_vk::kernels::Variant;
 
 /// The environment variable that replaces `--device`.
 const DEVICE_VARIABLE: &str = "INSTGS_DEVICE";
@@ -44,8 +45,10 @@ pub fn validation() -> bool {
 
 /// Opens the device, with the validation layers if they are enabled.
 pub fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
-    let faults = Faults::of_environment()?;
-    Ok(Gpu::open(&GpuOptions { device: choice, validation: validation(), faults, ..Default::default() })?)
+    let (faults, tuning) = (Faults::of_environment()?, Tuning::of_environment()?);
+    let gpu = Gpu::open(&GpuOptions { device: choice, validation: validation(), faults, tuning, ..Default::default() })?;
+    Variant::tuned(gpu.caps())?;
+    Ok(gpu)
 }
 
 /// Fails if the validation layers reported a message; always succeeds without them.
