@@ -65,14 +65,50 @@ layout(scalar, push_constant) uniform ExpandBackwardParams {
 #include "sh_bands.glsl"
 #include "color_matrix.glsl"
 
-// Sums over all tiles of a splat, in emission order.
-SplatMoments total_moments(uint slot) {
-    SplatMoments total = SplatMoments(vec3[](vec3(0.0), vec3(0.0), vec3(0.0)));
-    uint first = min(first_emission[slot], capacity);
-    uint end = min(first + tile_counts[slot], capacity) * blocks_per_tile;
-    for (uint i = first * blocks_per_tile; i < end; ++i) {
-        SplatMoments m = isect_moments[i];
-        [[unroll]] for (uint k = 0; k < 3; ++k) total.sums[k] += m.sums[k];
+// Longer lists are summed by the whole subgroup. Most splats touch a few tiles and some touch hundreds, and while a lane sums
+// those alone its subgroup waits.
+const uint LONG_LIST = 32;
+
+const SplatMoments NO_MOMENTS = SplatMoments(vec3[](vec3(0.0), vec3(0.0), vec3(0.0)));
+
+// The sum of list entries `first` to `end` over the lanes of the subgroup, which all get it. All lanes agree on the list.
+SplatMoments sum_by_subgroup(uint first, uint end) {
+    SplatMoments total = NO_MOMENTS;
+    for (uint base = first; base < end; base += SUBGROUP_SIZE) {
+        uint i = base + gl_SubgroupInvocationID;
+        SplatMoments m = isect_moments[min(i, end - 1)];
+        [[unroll]] for (uint k = 0; k < 3; ++k) total.sums[k] += mix(vec3(0.0), m.sums[k], bvec3(i < end));
+    }
+    [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) {
+        [[unroll]] for (uint k = 0; k < 3; ++k) total.sums[k] += subgroupShuffle(total.sums[k], gl_SubgroupInvocationID ^ mask);
+    }
+    return total;
+}
+
+// Sums over all tiles of each lane's splat, in an order that depends on nothing but the length of its list. All lanes of the
+// subgroup call it; those without a splat get zeros.
+SplatMoments total_moments(uint slot, bool has_splat) {
+    uint first = 0, end = 0;
+    if (has_splat) {
+        first = min(first_emission[slot], capacity);
+        end = min(first + tile_counts[slot], capacity) * blocks_per_tile;
+        first *= blocks_per_tile;
+    }
+    SplatMoments total = NO_MOMENTS;
+    bool is_long = end - first > LONG_LIST;
+    uvec4 waiting = subgroupBallot(is_long);
+    while (subgroupBallotBitCount(waiting) > 0) {
+        uint owner = subgroupBallotFindLSB(waiting);
+        SplatMoments sum = sum_by_subgroup(subgroupShuffle(first, owner), subgroupShuffle(end, owner));
+        bool mine = gl_SubgroupInvocationID == owner;
+        [[unroll]] for (uint k = 0; k < 3; ++k) total.sums[k] = mix(total.sums[k], sum.sums[k], bvec3(mine));
+        waiting[owner / 32] &= ~(1u << (owner % 32));
+    }
+    if (!is_long) {
+        for (uint i = first; i < end; ++i) {
+            SplatMoments m = isect_moments[i];
+            [[unroll]] for (uint k = 0; k < 3; ++k) total.sums[k] += m.sums[k];
+        }
     }
     return total;
 }
@@ -175,9 +211,8 @@ vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color) 
     return g;
 }
 
-SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec3 by_dir, out vec3 by_color) {
+SourceGradient source_gradient(Instance instance, uint local, uint slot, SplatMoments m, out vec3 by_dir, out vec3 by_color) {
     Splat splat = splats[slot];
-    SplatMoments m = total_moments(slot);
     vec3 conic = vec3(splat.a.zw, splat.b.x);
     float opacity = splat.b.y;
     vec3 first = m.sums[1], second = m.sums[2];
@@ -254,15 +289,16 @@ void write_pose_sum(uint w, PoseGradient p) {
     if (gl_SubgroupInvocationID == 0) pose_sums[w * (WORKGROUP_SIZE / SUBGROUP_SIZE) + gl_SubgroupID] = p;
 }
 
-// Writes the gradients of survivor `lane`; returns its contribution to the gradient by its instance's pose.
-PoseGradient write_gradients(uint w, uint lane) {
+// Writes the gradients of survivor `lane`, whose moments are `m`; returns its contribution to the gradient by its
+// instance's pose.
+PoseGradient write_gradients(uint w, uint lane, SplatMoments m) {
     PoseGradient none = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
     WorkItem item = work_items[w];
     Instance instance = instances[item.instance];
     uint slot = w * WORKGROUP_SIZE + lane;
     uint local = footprints[slot].local;
     vec3 by_dir, by_color;
-    SourceGradient g = source_gradient(instance, local, slot, by_dir, by_color);
+    SourceGradient g = source_gradient(instance, local, slot, m, by_dir, by_color);
     // The buffer holds 0 wherever nothing is written.
     if (!is_finite(g)) return none;
     uint place = w * WORKGROUP_SIZE + local - item.chunk * WORKGROUP_SIZE;
@@ -282,6 +318,8 @@ void main() {
     uint lane = gl_LocalInvocationID.x;
     if (w >= counters[COUNTER_WORK_ITEMS]) return;
     PoseGradient pose = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
-    if (lane < survivor_counts[w]) pose = write_gradients(w, lane);
+    bool survives = lane < survivor_counts[w];
+    SplatMoments m = total_moments(w * WORKGROUP_SIZE + lane, survives);
+    if (survives) pose = write_gradients(w, lane, m);
     if (POSES != 0 && work_items[w].instance < posed_rows) write_pose_sum(w, pose);
 }

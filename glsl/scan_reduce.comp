@@ -1,14 +1,12 @@
 #version 460
 // First of the three passes of an exclusive scan (reduce, then scan): sums blocks of `BLOCK_SIZE` values.
 //
-// The elements are `values[i]`, or `values[indices[i]]` with the spec constant `GATHER` = 1. Their number is a counter,
-// or, with `scan.histogram`, the length of the radix histogram of that number of keys. Elements before
-// `scan.begin_slot` add 0.
+// The elements are `values[i]`, or `values[indices[i]]` with the spec constant `GATHER` = 1. Their number is a counter.
+// Elements before `scan.begin_slot` add 0.
 //
 // - Reads `values` (by element, or by index with `GATHER`), `indices` (by element, only with `GATHER`), `counters`.
 // - Writes `block_sums` (by block).
-// - Grid: one work-group per block, direct where the host knows the count, else indirect (`ARGS_BLOCKS`, or
-//   `ARGS_HISTOGRAM` for histograms).
+// - Grid: one work-group per block, direct where the host knows the count, else indirect (`ARGS_BLOCKS`).
 // - Bytes per element: 4 read (8 with `GATHER`), 4 / 2048 written.
 // - Guarantees: sums saturate at 2^32 - 1. Saturating addition of counts is associative, so the result does not depend
 //   on work-group or subgroup sizes, nor on order. Any number of subgroups per work-group, up to 64.

@@ -45,6 +45,29 @@ struct Pixel {
     float t;     // transmittance while the pixel is live, 0 once the stop rule has fired
 };
 
+// Blends a splat into this lane's pixels, the first of which is at `center`.
+void blend(Splat splat, vec2 center, inout Pixel pixels[PIXELS_PER_LANE]) {
+    vec2 delta = center - splat.a.xy;
+    float opacity = splat.b.y;
+    vec3 color = vec3(splat.b.zw, splat.c.x);
+    float depth = splat.c.y;
+    float xx = splat.a.z, xy = splat.a.w, yy = splat.b.x;
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        vec2 d = delta + vec2(pixel_step(p));
+        float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
+        float alpha = min(ALPHA_MAX, opacity * exp2(q));
+        bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
+        float t_next = pixels[p].t * (1.0 - alpha);
+        bool blended = all(bvec2(hit, t_next >= T_STOP));
+        float weight = mix(0.0, alpha * pixels[p].t, blended);
+        // A splat that would bring T below the limit ends the pixel and is not blended.
+        pixels[p].t = mix(pixels[p].t, mix(0.0, t_next, blended), hit);
+        pixels[p].color += weight * color;
+        pixels[p].alpha += weight;
+        pixels[p].depth += weight * depth;
+    }
+}
+
 void main() {
     uint training = TRAINING;
     Block block = block_of_subgroup();
@@ -79,29 +102,13 @@ void main() {
         // Past the end of the list: opacity 0 blends nothing.
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         stage(mine);
-        // Where all are unrolled, shuffles are constant, and the loop's masks are applied once per SUBGROUP_SIZE splats.
-        for (uint first = 0; first < SUBGROUP_SIZE; first += SPLATS_UNROLLED) {
-            [[unroll]] for (uint k = 0; k < SPLATS_UNROLLED; ++k) {
-                Splat splat = splat_of_lane(mine, first + k);
-                vec2 delta = center - splat.a.xy;
-                float opacity = splat.b.y;
-                vec3 color = vec3(splat.b.zw, splat.c.x);
-                float depth = splat.c.y;
-                float xx = splat.a.z, xy = splat.a.w, yy = splat.b.x;
-                [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-                    vec2 d = delta + vec2(pixel_step(p));
-                    float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
-                    float alpha = min(ALPHA_MAX, opacity * exp2(q));
-                    bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
-                    float t_next = pixels[p].t * (1.0 - alpha);
-                    bool blended = all(bvec2(hit, t_next >= T_STOP));
-                    float weight = mix(0.0, alpha * pixels[p].t, blended);
-                    // A splat that would bring T below the limit ends the pixel and is not blended.
-                    pixels[p].t = mix(pixels[p].t, mix(0.0, t_next, blended), hit);
-                    pixels[p].color += weight * color;
-                    pixels[p].alpha += weight;
-                    pixels[p].depth += weight * depth;
-                }
+        uint unrolled = SPLATS_UNROLLED;
+        if (unrolled == SUBGROUP_SIZE) {
+            // Shuffles are constant, and the loop's masks are applied once per SUBGROUP_SIZE splats.
+            [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) blend(splat_of_lane(mine, j), center, pixels);
+        } else {
+            [[dont_unroll]] for (uint first = 0; first < SUBGROUP_SIZE; first += SPLATS_UNROLLED) {
+                [[unroll]] for (uint k = 0; k < SPLATS_UNROLLED; ++k) blend(splat_of_lane(mine, first + k), center, pixels);
             }
         }
         float live = 0.0;

@@ -12,12 +12,11 @@ const uint COUNTER_INTERSECTIONS = 8;       // pairs from the current slab's beg
 const uint COUNTER_INSTANCES = 9;           // instances of the scene, background included: set by the host
 const uint COUNTER_COUNT = 16;              // length of the counters buffer
 
-// Each count has a family of four argument sets.
-const uint ARGS_PER_COUNT = 4;   // argument sets of a family
+// Each count has a family of three argument sets.
+const uint ARGS_PER_COUNT = 3;   // argument sets of a family
 const uint ARGS_ITEMS = 0;       // one work-group per element
 const uint ARGS_THREADS = 1;     // one thread per element
 const uint ARGS_BLOCKS = 2;      // one work-group per BLOCK_SIZE elements
-const uint ARGS_HISTOGRAM = 3;   // scan blocks over the radix histogram of the elements
 
 const uint FAMILY_CANDIDATES = 0;     // arguments from COUNTER_CANDIDATES
 const uint FAMILY_WORK_ITEMS = 1;     // arguments from COUNTER_WORK_ITEMS

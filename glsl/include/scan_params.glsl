@@ -2,7 +2,6 @@
 
 struct Scan {
     uint count_slot;   // counter that holds the number of elements
-    uint histogram;    // 1 = scan the radix histogram of that number of elements instead: RADIX_SIZE values per block
     uint begin_slot;   // counter that holds the first element to count, earlier ones add 0; COUNTER_COUNT = none
     uint total_slot;   // counter that gets the total, limited to the capacity; COUNTER_COUNT = none
     uint needed_slot;  // counter that gets the unlimited total; COUNTER_COUNT = none
@@ -15,6 +14,5 @@ layout(scalar, push_constant) uniform ScanParams {
 };
 
 uint scan_length() {
-    uint n = counters[scan.count_slot];
-    return scan.histogram != 0 ? divide_up(n, BLOCK_SIZE) * RADIX_SIZE : n;
+    return counters[scan.count_slot];
 }

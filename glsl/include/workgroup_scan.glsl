@@ -22,6 +22,11 @@ uint subgroup_exclusive_sum(uint value) {
 // Exclusive prefix of `value` within the work-group, and the group's total. Every thread calls it.
 uint workgroup_exclusive_sum(uint value, out uint total) {
     uint exclusive = subgroup_exclusive_sum(value);
+    uint subgroups = WORKGROUP_SIZE / SUBGROUP_SIZE;
+    if (subgroups == 1) {
+        total = subgroupShuffle(add_saturating(exclusive, value), SUBGROUP_SIZE - 1);
+        return exclusive;
+    }
     barrier();  // earlier calls have finished reading subgroup_totals
     if (gl_SubgroupInvocationID == SUBGROUP_SIZE - 1) subgroup_totals[gl_SubgroupID] = add_saturating(exclusive, value);
     barrier();

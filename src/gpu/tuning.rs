@@ -38,7 +38,10 @@ impl FromStr for Tuning {
             let (name, number) = part.split_once('=')?;
             Some((name.trim().to_owned(), number.trim().parse().ok()?))
         };
-        parts.map(|part| number(part).ok_or_else(|| format!("{part:?} is not name=number"))).collect::<Result<_, _>>().map(Self)
+        parts
+            .map(|part| number(part).ok_or_else(|| format!("{part:?} is not name=number")))
+            .collect::<Result<_, _>>()
+            .map(Self)
     }
 }
 

@@ -147,10 +147,11 @@ pub struct ScanPipelines {
     pub downsweep_gather: Pipeline<scan_downsweep::ScanDownsweep>,
 }
 
-/// The two radix sort passes.
+/// The three passes of a radix sort step.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct SortPipelines {
     pub count: Pipeline<radix_sort_count::RadixSortCount>,
+    pub scan: Pipeline<radix_sort_scan::RadixSortScan>,
     pub scatter: Pipeline<radix_sort_scatter::RadixSortScatter>,
 }
 
@@ -206,8 +207,12 @@ impl SortPipelines {
     pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.radix_workgroup_size;
-        let matching = [("MATCH_BY_BALLOT", u32::from(variant.match_by_ballot))];
-        Ok(Self { count: compiler.compile(size, &matching)?, scatter: compiler.compile(size, &matching)? })
+        let matching = ("MATCH_BY_BALLOT", u32::from(variant.match_by_ballot));
+        Ok(Self {
+            count: compiler.compile(size, &[matching])?,
+            scan: compiler.compile(size, &[])?,
+            scatter: compiler.compile(size, &[matching, ("STAGE_KEYS", u32::from(variant.stage_keys))])?,
+        })
     }
 }
 

@@ -13,6 +13,8 @@ pub struct Variant {
     pub radix_workgroup_size: u32,
     /// The sort ranks equal digits by ballots instead of shuffles.
     pub match_by_ballot: bool,
+    /// The sort orders blocks of keys in shared memory before it writes them.
+    pub stage_keys: bool,
     /// Threads of the blend; a whole number of subgroups, each of which owns an 8x8 block of pixels.
     pub blend_workgroup_size: u32,
     /// Tile side in pixels: 8 or a larger multiple of 8.
@@ -59,9 +61,10 @@ impl Variant {
                 "backward_splats_unrolled" => {
                     (&mut variant.backward_splats_unrolled, (1..=subgroup_size).contains(&number))
                 }
-                "match_by_ballot" | "transpose_moments" | "stage_splats" => {
+                "match_by_ballot" | "stage_keys" | "transpose_moments" | "stage_splats" => {
                     let flag = match name {
                         "match_by_ballot" => &mut variant.match_by_ballot,
+                        "stage_keys" => &mut variant.stage_keys,
                         "transpose_moments" => &mut variant.transpose_moments,
                         _ => &mut variant.stage_splats,
                     };
@@ -99,6 +102,9 @@ impl Variant {
             workgroup_size: largest(threads),
             radix_workgroup_size: largest(radix_subgroups * subgroup_size),
             match_by_ballot: subgroup_size > 16,
+            // With tables of digits and a little more it takes less than 32 KiB of shared memory, which every GPU has that is
+            // known to us; Vulkan promises 16.
+            stage_keys: !caps.is_llvmpipe && caps.shared_memory_bytes >= 32 << 10,
             blend_workgroup_size: if caps.is_llvmpipe { subgroup_size } else { largest(128) },
             tile_size: 8,
             // The sums of a whole subgroup of splats do not fit the registers of GPUs, and at 32 lanes of nothing.

@@ -72,7 +72,7 @@ impl FramePlan {
 
     /// Length of the block sums; sufficient for every scan.
     pub fn block_sums_len(&self) -> u32 {
-        let longest = [self.instances, self.capacities.candidates, self.slots, self.histogram_len()];
+        let longest = [self.instances, self.capacities.candidates, self.slots];
         longest.into_iter().max().unwrap_or(0).div_ceil(BLOCK_SIZE).max(1)
     }
 }

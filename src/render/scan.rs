@@ -45,7 +45,6 @@ impl<'a> ScanInput<'a> {
 pub fn plain(count_slot: u32) -> types::Scan {
     types::Scan {
         count_slot,
-        histogram: 0,
         begin_slot: COUNTER_COUNT,
         total_slot: COUNTER_COUNT,
         needed_slot: COUNTER_COUNT,

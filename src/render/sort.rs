@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use crate::gpu::interface::constants::{ARGS_BLOCKS, ARGS_HISTOGRAM, ARGS_PER_COUNT, RADIX_BITS};
-use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
+use crate::gpu::interface::constants::{ARGS_BLOCKS, ARGS_PER_COUNT, RADIX_BITS, RADIX_SIZE};
+use crate::gpu::{Buffer, Gpu, GpuError, Grid, Recorder};
 use crate::kernels::pipelines::Primitives;
-use crate::kernels::{radix_sort_count, radix_sort_scatter};
+use crate::kernels::{radix_sort_count, radix_sort_scan, radix_sort_scatter};
 
-use super::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
+use super::scan::ScanScratch;
 
 /// Keys and values, with a second pair of buffers that the sort alternates with.
 pub struct SortBuffers {
@@ -31,17 +31,19 @@ impl SortBuffers {
     }
 }
 
-/// Scratch of a sort: digit counts, `RADIX_SIZE` per block of `BLOCK_SIZE` pairs, digit by digit.
+/// Scratch of a sort.
 pub struct DigitTables {
+    /// `RADIX_SIZE` numbers per block of `BLOCK_SIZE` pairs, digit by digit: counts, then those of earlier blocks.
     histogram: Buffer<u32>,
-    offsets: Buffer<u32>,
+    /// Pairs by digit.
+    totals: Buffer<u32>,
 }
 
 impl DigitTables {
-    /// Tables of `len` counts; see `FramePlan::histogram_len`.
+    /// Tables with a histogram of `len` counts; see `FramePlan::histogram_len`.
     pub fn new(gpu: &Arc<Gpu>, len: usize) -> Result<Self, GpuError> {
-        let (histogram, offsets) = (Buffer::new(gpu, "histogram", len)?, Buffer::new(gpu, "digit_offsets", len)?);
-        Ok(Self { histogram, offsets })
+        let histogram = Buffer::new(gpu, "histogram", len)?;
+        Ok(Self { histogram, totals: Buffer::new(gpu, "digit_totals", RADIX_SIZE as usize)? })
     }
 }
 
@@ -65,24 +67,24 @@ pub fn record_sort(
     sort: Sort,
     buffers: &mut SortBuffers,
 ) -> Result<(), GpuError> {
-    let DigitTables { histogram, offsets: digit_offsets } = tables;
+    let DigitTables { histogram, totals: digit_totals } = tables;
     let args = |kind: u32| (sort.family * ARGS_PER_COUNT + kind) as usize;
     for pass in 0..sort.passes {
         let shift = pass * RADIX_BITS;
         let count = radix_sort_count::Bindings { keys: &buffers.keys, counters: &scratch.counters, histogram };
         let params = radix_sort_count::Params { count_slot: sort.count_slot, shift };
         recorder.dispatch_indirect(&primitives.sort.count, &scratch.args, args(ARGS_BLOCKS), &params, count)?;
-        let mut scan = plain(sort.count_slot);
-        scan.histogram = 1;
-        let blocks = Blocks::Indirect(args(ARGS_HISTOGRAM) as u32);
-        record_scan(recorder, &primitives.scan, scratch, blocks, scan, ScanInput::in_order(histogram), digit_offsets)?;
+        let scan = radix_sort_scan::Bindings { counters: &scratch.counters, histogram, digit_totals };
+        let params = radix_sort_scan::Params { count_slot: sort.count_slot };
+        recorder.dispatch(&primitives.sort.scan, Grid::groups(RADIX_SIZE), &params, scan)?;
         let scatter = radix_sort_scatter::Bindings {
             keys_in: &buffers.keys,
             values_in: &buffers.values,
             counters: &scratch.counters,
-            digit_offsets,
+            earlier_blocks: histogram,
             keys_out: &mut buffers.other_keys,
             values_out: &mut buffers.other_values,
+            digit_totals,
         };
         let params = radix_sort_scatter::Params { count_slot: sort.count_slot, shift };
         recorder.dispatch_indirect(&primitives.sort.scatter, &scratch.args, args(ARGS_BLOCKS), &params, scatter)?;

@@ -170,6 +170,7 @@ fn variants_agree_with_the_twin() {
     for variant in [
         Variant { transpose_moments: !own.transpose_moments, ..own },
         Variant { tile_size: 16, ..own },
+        Variant { stage_splats: !own.stage_splats, transpose_moments: false, backward_splats_unrolled: 2, ..own },
         Variant { blend_workgroup_size: 4 * own.subgroup_size, ..own },
         Variant { workgroup_size: 256.min(gpu.caps().max_workgroup_subgroups * own.subgroup_size), ..own },
     ] {

@@ -15,13 +15,15 @@ fn primitives(gpu: &Arc<Gpu>, variant: &Variant) -> Primitives {
     Primitives::new(gpu, &PipelineCache::new(gpu, None).unwrap(), variant).unwrap()
 }
 
-/// The device's own variant; many subgroups per work-group, whose cross-subgroup prefix is another path; both by ballot.
+/// The device's own variant; many subgroups per work-group, whose cross-subgroup prefix is another path; ballots; blocks
+/// sorted in shared memory.
 fn variants(gpu: &Gpu) -> Vec<Variant> {
     let own = Variant::for_device(gpu.caps());
     let many = Variant { radix_workgroup_size: 8 * own.subgroup_size, ..own };
     // What larger subgroups use.
     let ballots = Variant { match_by_ballot: true, ..own };
-    vec![own, many, ballots, Variant { match_by_ballot: true, ..many }]
+    let staged = Variant { stage_keys: true, match_by_ballot: true, ..many };
+    vec![own, Variant { stage_keys: false, ..many }, ballots, Variant { stage_keys: false, ..staged }, staged]
 }
 
 #[test]

@@ -96,6 +96,7 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
         workgroup_size,
         radix_workgroup_size,
         match_by_ballot,
+        stage_keys,
         blend_workgroup_size,
         tile_size,
         transpose_moments,
@@ -104,12 +105,13 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
         backward_splats_unrolled,
     } = variant;
     let matching = if *match_by_ballot { "ballots" } else { "shuffles" };
+    let staging = if *stage_keys { " in shared memory" } else { "" };
     let sharing = if *stage_splats { "shared memory" } else { "shuffles" };
     let moments = if *transpose_moments { "transposition" } else { "scattering" };
     row(
         "variant",
         format!(
-            "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}, \
+            "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}{staging}, \
              blend {blend_workgroup_size}), tiles {tile_size}x{tile_size}, backward sums by {moments}, splats by \
              {sharing} and unrolled {splats_unrolled} and {backward_splats_unrolled} at a time"
         ),

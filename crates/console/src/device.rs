@@ -46,7 +46,8 @@ pub fn validation() -> bool {
 /// Opens the device, with the validation layers if they are enabled.
 pub fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
     let (faults, tuning) = (Faults::of_environment()?, Tuning::of_environment()?);
-    let gpu = Gpu::open(&GpuOptions { device: choice, validation: validation(), faults, tuning, ..Default::default() })?;
+    let gpu =
+        Gpu::open(&GpuOptions { device: choice, validation: validation(), faults, tuning, ..Default::default() })?;
     Variant::tuned(gpu.caps())?;
     Ok(gpu)
 }

@@ -90,10 +90,8 @@ impl Tools {
         };
         let mut args = vec![DispatchArgs::default(); (FAMILY_COUNT * ARGS_PER_COUNT) as usize];
         args[sort_args(ARGS_BLOCKS)] = grid(blocks);
-        args[sort_args(ARGS_HISTOGRAM)] = grid((blocks * RADIX_SIZE).div_ceil(BLOCK_SIZE));
-        let block_sums = blocks.max((blocks * RADIX_SIZE).div_ceil(BLOCK_SIZE));
         Ok(ScanScratch {
-            block_sums: Buffer::new(&self.gpu, "block_sums", block_sums as usize)?,
+            block_sums: Buffer::new(&self.gpu, "block_sums", blocks as usize)?,
             counters: upload(&self.gpu, "counters", &counters)?,
             args: upload(&self.gpu, "args", &args)?,
         })
