@@ -62,9 +62,7 @@ void main() {
     for (; base < range.y; base += SUBGROUP_SIZE) {
         uint i = min(base + lane, range.y - 1);
         uint slot = isect_values[i];
-        Splat mine = splats[slot];
-        mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
-        mine.b.x *= -0.5 * LOG2_E;
+        Splat mine = with_conic_for_exp2(splats[slot]);
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         uint own = 0;
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {

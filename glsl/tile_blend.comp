@@ -74,7 +74,8 @@ void main() {
     uint tile = block.tile;
     if (tile >= tiles.x * tiles.y) return;
     uint lane = gl_SubgroupInvocationID;
-    uvec2 corner = block_corner(block, tiles.x);
+    uvec2 origin = block_origin(block, tiles.x);
+    uvec2 corner = origin + lane_in_block();
     uvec2 range = tile_ranges[tile];
     bool first_slab = counters[COUNTER_SLAB_BEGIN] == 0;
     bool last_slab = counters[COUNTER_SLAB_END] == counters[COUNTER_VISIBLE];
@@ -95,15 +96,22 @@ void main() {
         uint i = min(base + lane, range.y - 1);
         uint slot = isect_values[i];
         if (training != 0) slot = slot_from_emission[slot];
-        Splat mine = splats[slot];
-        // Conic times -log2(e) / 2: alpha = opacity exp2(q).
-        mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
-        mine.b.x *= -0.5 * LOG2_E;
+        Splat stored = splats[slot];
+        Splat mine = with_conic_for_exp2(stored);
         // Past the end of the list: opacity 0 blends nothing.
-        mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
-        stage(mine);
+        bool in_list = base + lane < range.y;
+        mine.b.y = mix(0.0, mine.b.y, in_list);
+        uint stage_splats = STAGE_SPLATS;
         uint unrolled = SPLATS_UNROLLED;
-        if (unrolled == SUBGROUP_SIZE) {
+        if (stage_splats != 0) {
+            // Of a larger tile's splats, those that reach this block.
+            bool wanted = all(bvec2(in_list, BLOCKS_PER_TILE == 1 || reaches_block(stored, origin)));
+            mine.b.y = mix(0.0, mine.b.y, wanted);
+            uint count = stage(mine, wanted);
+            [[dont_unroll]] for (uint first = 0; first < count; first += SPLATS_UNROLLED) {
+                [[unroll]] for (uint k = 0; k < SPLATS_UNROLLED; ++k) blend(staged_splat(first + k), center, pixels);
+            }
+        } else if (unrolled == SUBGROUP_SIZE) {
             // Shuffles are constant, and the loop's masks are applied once per SUBGROUP_SIZE splats.
             [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) blend(splat_of_lane(mine, j), center, pixels);
         } else {

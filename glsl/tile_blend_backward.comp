@@ -65,9 +65,8 @@ SplatMoments merged(SplatMoments low, SplatMoments high, uint mask) {
                                merged(low.sums[2], high.sums[2], mask)));
 }
 
-// What this lane's pixels say about the splat of lane `from`, which is blended into them.
-SplatMoments sums_of_splat(Splat mine, uint from, vec2 center, inout Pixel pixels[PIXELS_PER_LANE]) {
-    Splat splat = splat_of_lane(mine, from);
+// What this lane's pixels say about a splat, which is blended into them.
+SplatMoments sums_of_splat(Splat splat, vec2 center, inout Pixel pixels[PIXELS_PER_LANE]) {
     vec2 delta = center - splat.a.xy;
     float opacity = splat.b.y;
     vec3 color = vec3(splat.b.zw, splat.c.x);
@@ -152,24 +151,24 @@ void main() {
     for (; base < range.y; base += SUBGROUP_SIZE) {
         uint i = min(base + lane, range.y - 1);
         uint emission = emission_from_isect[i];
-        Splat mine = splats[slot_from_emission[emission]];
-        mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
-        mine.b.x *= -0.5 * LOG2_E;
+        Splat mine = with_conic_for_exp2(splats[slot_from_emission[emission]]);
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
-        stage(mine);
+        uint stage_splats = STAGE_SPLATS;
+        if (stage_splats != 0) stage(mine, true);
         if (transpose == 0) {
             // Partly unrolled: the code of all splats of a subgroup would not fit the instruction caches of GPUs.
             [[dont_unroll]] for (uint first = 0; first < SUBGROUP_SIZE; first += SPLATS_UNROLLED) {
                 [[unroll]] for (uint k = 0; k < SPLATS_UNROLLED; ++k) {
                     uint j = first + k;
-                    float v[SUMS_PADDED] = scattered(sums_of_splat(mine, j, center, pixels));
+                    Splat splat = stage_splats != 0 ? staged_splat(j) : splat_of_lane(mine, j);
+                    float v[SUMS_PADDED] = scattered(sums_of_splat(splat, center, pixels));
                     uint of_splat = subgroupShuffle(emission, j);
                     if (base + j < range.y) store(of_splat * BLOCKS_PER_TILE + block.in_tile, v);
                 }
             }
         } else {
             SplatMoments sums[64];
-            [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) sums[j] = sums_of_splat(mine, j, center, pixels);
+            [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) sums[j] = sums_of_splat(splat_of_lane(mine, j), center, pixels);
             // One loop per step with constant bounds: drivers do not unroll a loop whose step depends on an outer loop.
             uint size = SUBGROUP_SIZE;
             [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 2) sums[j] = merged(sums[j], sums[j + 1], 1);

@@ -73,10 +73,8 @@ void main() {
     vec2 center = vec2(corner) + 0.5;
     for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
         uint slot = isect_values[min(base + lane, range.y - 1)];
-        Splat mine = splats[slot];
+        Splat mine = with_conic_for_exp2(splats[slot]);
         // The same arithmetic as in tile_blend, bit for bit.
-        mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
-        mine.b.x *= -0.5 * LOG2_E;
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));

@@ -28,15 +28,50 @@ Block block_of_subgroup() {
     return Block(unit / BLOCKS_PER_TILE, unit % BLOCKS_PER_TILE);
 }
 
+// The first pixel of a block.
+uvec2 block_origin(Block block, uint columns) {
+    uvec2 origin = uvec2(block.tile % columns, block.tile / columns) * TILE_SIZE;
+    return origin + uvec2(block.in_tile % BLOCKS_PER_SIDE, block.in_tile / BLOCKS_PER_SIDE) * BLOCK_SIDE;
+}
+
+// This lane's first pixel, from the first of its block.
+uvec2 lane_in_block() {
+    uint lane = gl_SubgroupInvocationID;
+    return uvec2((lane % LANES_PER_ROW) * COLUMNS_PER_LANE, lane / LANES_PER_ROW);
+}
+
 // The first pixel of this lane.
 uvec2 block_corner(Block block, uint columns) {
-    uvec2 origin = uvec2(block.tile % columns, block.tile / columns) * TILE_SIZE;
-    origin += uvec2(block.in_tile % BLOCKS_PER_SIDE, block.in_tile / BLOCKS_PER_SIDE) * BLOCK_SIDE;
-    uint lane = gl_SubgroupInvocationID;
-    return origin + uvec2((lane % LANES_PER_ROW) * COLUMNS_PER_LANE, lane / LANES_PER_ROW);
+    return block_origin(block, columns) + lane_in_block();
 }
 
 // Offset from a lane's first pixel to its pixel `p`.
 uvec2 pixel_step(uint p) {
     return uvec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
+}
+
+// A splat as the blends want it: conic times -log2(e) / 2, so that alpha = opacity exp2(q).
+Splat with_conic_for_exp2(Splat splat) {
+    splat.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
+    splat.b.x *= -0.5 * LOG2_E;
+    return splat;
+}
+
+// False if a splat (as it is stored) has alpha < 1/255 in all pixels of the 8x8 block whose first pixel is `origin`: if the
+// least x conic x over the block is above 2 log(255 opacity). The least is on one of the two sides that face the mean. The
+// margins are far above the rounding of this and of the blend's own arithmetic, so leaving the splat out changes no bit.
+bool reaches_block(Splat splat, uvec2 origin) {
+    vec2 low = vec2(origin) + 0.5 - splat.a.xy;
+    vec2 high = low + float(BLOCK_SIDE - 1);
+    vec2 near = clamp(vec2(0.0), low, high);
+    float xx = splat.a.z, xy = splat.a.w, yy = splat.b.x;
+    vec2 on_column = vec2(near.x, clamp(-xy * near.x / yy, low.y, high.y));
+    vec2 on_row = vec2(clamp(-xy * near.y / xx, low.x, high.x), near.y);
+    vec3 column = vec3(xx * on_column.x * on_column.x, 2.0 * xy * on_column.x * on_column.y, yy * on_column.y * on_column.y);
+    vec3 row = vec3(xx * on_row.x * on_row.x, 2.0 * xy * on_row.x * on_row.y, yy * on_row.y * on_row.y);
+    float least_column = column.x + column.y + column.z - 1e-5 * (column.x + abs(column.y) + column.z);
+    float least_row = row.x + row.y + row.z - 1e-5 * (row.x + abs(row.y) + row.z);
+    float limit = 2.0 * log(255.0 * splat.b.y) + 1e-3;
+    // Numbers that are none reach everything.
+    return !(min(least_column, least_row) > limit);
 }

@@ -8,24 +8,30 @@ shared vec4 staged_a[STAGED_SPLATS];
 shared vec4 staged_b[STAGED_SPLATS];
 shared vec2 staged_c[STAGED_SPLATS];
 
-// Hands this lane's splat to the subgroup. All lanes call it, after the last use of the splats before.
-void stage(Splat mine) {
-    uint stage_splats = STAGE_SPLATS;
-    if (stage_splats == 0) return;
-    uint at = gl_SubgroupID * SUBGROUP_SIZE + gl_SubgroupInvocationID;
+// Hands the lanes' splats to the subgroup in the order of the lanes, those with `wanted` before the others; returns their
+// number. All lanes call it, after the last use of the splats before.
+uint stage(Splat mine, bool wanted) {
+    uvec4 ballot = subgroupBallot(wanted);
+    uint count = subgroupBallotBitCount(ballot);
+    uint before = subgroupBallotExclusiveBitCount(ballot);
+    uint place = wanted ? before : count + gl_SubgroupInvocationID - before;
+    uint at = gl_SubgroupID * SUBGROUP_SIZE + place;
     subgroupBarrier();
     staged_a[at] = mine.a;
     staged_b[at] = mine.b;
     staged_c[at] = mine.c;
+    subgroupMemoryBarrierShared();
     subgroupBarrier();
+    return count;
+}
+
+// The splat in `place` of those staged last, a number that all lanes agree on.
+Splat staged_splat(uint place) {
+    uint at = gl_SubgroupID * SUBGROUP_SIZE + place;
+    return Splat(staged_a[at], staged_b[at], staged_c[at]);
 }
 
 // The splat of lane `from`, a number that all lanes agree on.
 Splat splat_of_lane(Splat mine, uint from) {
-    uint stage_splats = STAGE_SPLATS;
-    if (stage_splats == 0) {
-        return Splat(subgroupShuffle(mine.a, from), subgroupShuffle(mine.b, from), subgroupShuffle(mine.c, from));
-    }
-    uint at = gl_SubgroupID * SUBGROUP_SIZE + from;
-    return Splat(staged_a[at], staged_b[at], staged_c[at]);
+    return Splat(subgroupShuffle(mine.a, from), subgroupShuffle(mine.b, from), subgroupShuffle(mine.c, from));
 }

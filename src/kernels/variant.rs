@@ -29,12 +29,21 @@ pub struct Variant {
     pub backward_splats_unrolled: u32,
 }
 
+/// Pixels along a side of the blocks that subgroups own (`BLOCK_SIDE` in `glsl/include/blend.glsl`).
+const BLOCK_SIDE: u32 = 8;
+
 impl Variant {
     /// The variant for a device: subgroups of 32 if available, of 16 on Intel's, else the largest size.
     ///
     /// With `caps.tuning` as there; without it where it does not fit, which [`Variant::tuned`] tells.
     pub fn for_device(caps: &DeviceCaps) -> Self {
         Self::tuned(caps).unwrap_or_else(|_| Self::picked_for(caps))
+    }
+
+    /// The variant for training: as [`Variant::for_device`] with tiles of one block. A step writes and reads sums for every
+    /// block of the tiles that a splat touches, also for those blocks that it does not reach.
+    pub fn for_training(caps: &DeviceCaps) -> Self {
+        Self { tile_size: BLOCK_SIDE, ..Self::for_device(caps) }
     }
 
     /// The variant for a device, changed by `caps.tuning`: its names are those of the fields, and 0 and 1 are no and yes.
@@ -106,12 +115,15 @@ impl Variant {
             // known to us; Vulkan promises 16.
             stage_keys: !caps.is_llvmpipe && caps.shared_memory_bytes >= 32 << 10,
             blend_workgroup_size: if caps.is_llvmpipe { subgroup_size } else { largest(128) },
-            tile_size: 8,
+            // Larger tiles have fewer pairs to make and to sort: garden at 1080p 1.4 million instead of 4.5. Blocks pick theirs
+            // from the tile's list where splats are staged.
+            tile_size: if caps.is_llvmpipe { BLOCK_SIDE } else { 2 * BLOCK_SIDE },
             // The sums of a whole subgroup of splats do not fit the registers of GPUs, and at 32 lanes of nothing.
             transpose_moments: caps.is_llvmpipe && subgroup_size <= 16,
-            stage_splats: false,
-            splats_unrolled: subgroup_size,
-            backward_splats_unrolled: 4,
+            stage_splats: !caps.is_llvmpipe,
+            // All of them with shuffles, so that these have constant lanes; some of them where code has to fit a cache.
+            splats_unrolled: if caps.is_llvmpipe { subgroup_size } else { 4 },
+            backward_splats_unrolled: if caps.is_llvmpipe { 4 } else { 8.min(subgroup_size) },
         }
     }
 }

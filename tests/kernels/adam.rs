@@ -28,7 +28,7 @@ struct DeviceAdam {
 
 impl DeviceAdam {
     fn new(gpu: &Arc<Gpu>, parameters: &[f32]) -> Self {
-        let variant = Variant::for_device(gpu.caps());
+        let variant = Variant::for_training(gpu.caps());
         let cache = PipelineCache::new(gpu, None).unwrap();
         let padded = [parameters, &[7.5; TAIL]].concat();
         Self {

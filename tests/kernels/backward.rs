@@ -18,7 +18,7 @@ use crate::common::tensor::TensorComparison;
 /// Golden tensors, summed over cameras: relative L2 at most 1e-3.
 fn gradients(cases: &[GoldenCase]) {
     let Some(gpu) = gpu() else { return };
-    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut runner = GradientRunner::new(&gpu, Variant::for_training(gpu.caps()));
     type Values = fn(&CloudGradient) -> &[f64];
     let tensors: [(&str, Values); 5] = [
         ("means", |g| g.means.as_flattened()),
@@ -77,7 +77,7 @@ fn flattened(case: &RandomCase) -> RandomCase {
 #[test]
 fn random_scenes_against_the_twin() {
     let Some(gpu) = gpu() else { return };
-    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut runner = GradientRunner::new(&gpu, Variant::for_training(gpu.caps()));
     let mut worst: Vec<(String, f64, u64)> = Vec::new();
     let mut failures = Vec::new();
     for seed in 0..100 {
@@ -115,7 +115,7 @@ fn random_scenes_against_the_twin() {
 #[test]
 fn statistics_of_records_add_up() {
     let Some(gpu) = gpu() else { return };
-    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut runner = GradientRunner::new(&gpu, Variant::for_training(gpu.caps()));
     let mut seen = 0;
     for seed in (0..40).filter(|seed: &u64| !seed.is_multiple_of(3)) {
         let case = rare_case(seed);
@@ -145,7 +145,7 @@ fn statistics_of_records_add_up() {
 #[test]
 fn overflow_and_repeats_give_the_same_bytes() {
     let Some(gpu) = gpu() else { return };
-    let own = Variant::for_device(gpu.caps());
+    let own = Variant::for_training(gpu.caps());
     for seed in [2, 9, 16] {
         let case = random_case(seed);
         let cotangents = cotangents(&case);
@@ -166,7 +166,7 @@ fn overflow_and_repeats_give_the_same_bytes() {
 #[test]
 fn variants_agree_with_the_twin() {
     let Some(gpu) = gpu() else { return };
-    let own = Variant::for_device(gpu.caps());
+    let own = Variant::for_training(gpu.caps());
     for variant in [
         Variant { transpose_moments: !own.transpose_moments, ..own },
         Variant { tile_size: 16, ..own },
@@ -192,7 +192,7 @@ fn variants_agree_with_the_twin() {
 #[test]
 fn the_comparison_fails_on_planted_errors() {
     let Some(gpu) = gpu() else { return };
-    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut runner = GradientRunner::new(&gpu, Variant::for_training(gpu.caps()));
     let case = random_case(4);
     let cotangents = cotangents(&case);
     let want = scene_gradient(&case.scene, &View::device(&case.camera, &case.options), &cotangents);
@@ -213,7 +213,7 @@ fn the_comparison_fails_on_planted_errors() {
 #[test]
 fn nothing_to_see_gives_zeros() {
     let Some(gpu) = gpu() else { return };
-    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut runner = GradientRunner::new(&gpu, Variant::for_training(gpu.caps()));
     let mut case = random_case(1);
     let pixels = (case.camera.width * case.camera.height) as usize;
     case.scene = InstancedScene::from_cloud(Gaussians {

@@ -110,7 +110,7 @@ fn limits(config: &TrainConfig, done: u64) -> Limits {
 
 /// The device's state of a case.
 pub(crate) fn upload_case(gpu: &Arc<Gpu>, case: &Case) -> DeviceState {
-    let chunk_size = Variant::for_device(gpu.caps()).workgroup_size;
+    let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
     let scene = InstancedScene::from_cloud(case.cloud.clone());
     let mut state = DeviceState::new(gpu, &scene, chunk_size).unwrap();
     write(gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
@@ -144,7 +144,7 @@ pub(crate) fn download_state(gpu: &Arc<Gpu>, state: &mut DeviceState) -> After {
 }
 
 pub(crate) fn strategy(gpu: &Arc<Gpu>, sh_degree: u32) -> Strategy {
-    let frame = TrainFrame::new(gpu, Variant::for_device(gpu.caps())).unwrap();
+    let frame = TrainFrame::new(gpu, Variant::for_training(gpu.caps())).unwrap();
     Strategy::new(gpu, &frame, sh_degree).unwrap()
 }
 
@@ -284,7 +284,7 @@ pub(crate) fn instanced_case(seed: u64, sh_degree: u32) -> (InstancedScene, Case
 #[test]
 fn templates_grow_and_offsets_follow() {
     let Some(gpu) = gpu() else { return };
-    let chunk_size = Variant::for_device(gpu.caps()).workgroup_size;
+    let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
     let mut seen = [0u32; 3];
     for (seed, sh_degree, cap) in [(1, 0, 5000u32), (2, 2, 5000), (3, 3, 2150), (4, 1, 1), (5, 1, 9000)] {
         let (scene, case) = instanced_case(seed, sh_degree);
@@ -389,7 +389,7 @@ fn case_with_own(seed: u64, sh_degree: u32) -> (InstancedScene, Case, Vec<[f32; 
 #[test]
 fn instances_grow_alone() {
     let Some(gpu) = gpu() else { return };
-    let chunk_size = Variant::for_device(gpu.caps()).workgroup_size;
+    let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
     let (mut grown, mut worst) = ([0; 3], 0.0f64);
     for (seed, sh_degree, cap) in [(11, 0, 5000u32), (12, 2, 5000), (13, 3, 1800), (14, 1, 1)] {
         let (scene, case, records) = case_with_own(seed, sh_degree);

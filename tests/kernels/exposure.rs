@@ -35,7 +35,7 @@ struct Passed {
 impl Device {
     fn new(gpu: &Arc<Gpu>) -> Self {
         let cache = PipelineCache::new(gpu, None).unwrap();
-        let exposures = Exposures::new(gpu, &cache, &Variant::for_device(gpu.caps()), VIEWS, LARGEST_PX).unwrap();
+        let exposures = Exposures::new(gpu, &cache, &Variant::for_training(gpu.caps()), VIEWS, LARGEST_PX).unwrap();
         Self { gpu: gpu.clone(), recorder: Recorder::new(gpu).unwrap(), exposures }
     }
 

@@ -161,6 +161,8 @@ fn variants_give_the_same_bytes() {
         Variant { radix_workgroup_size: 4 * own.subgroup_size, ..own },
         Variant { radix_workgroup_size: 8 * own.subgroup_size, stage_keys: true, ..own },
         Variant { stage_splats: true, splats_unrolled: 2, ..own },
+        Variant { stage_splats: true, tile_size: 16, ..own },
+        Variant { stage_splats: true, tile_size: 32, ..own },
         Variant { workgroup_size: 256.min(gpu.caps().max_workgroup_subgroups * own.subgroup_size), ..own },
     ];
     for seed in [1, 12, 33] {

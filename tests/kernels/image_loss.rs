@@ -140,7 +140,7 @@ struct LossRunner {
 
 impl LossRunner {
     fn new(gpu: &Arc<Gpu>) -> Self {
-        let frame = TrainFrame::new(gpu, Variant::for_device(gpu.caps())).unwrap();
+        let frame = TrainFrame::new(gpu, Variant::for_training(gpu.caps())).unwrap();
         let chunk_size = frame.variant().workgroup_size;
         let scene = DeviceScene::unbounded(gpu, &InstancedScene::default(), chunk_size).unwrap();
         Self { gpu: gpu.clone(), frame, recorder: Recorder::new(gpu).unwrap(), scene }

@@ -177,7 +177,7 @@ fn all_dead_is_an_error_that_changes_nothing() {
 #[test]
 fn extras_of_a_step_are_the_twins() {
     let Some(gpu) = gpu() else { return };
-    let variant = Variant::for_device(gpu.caps());
+    let variant = Variant::for_training(gpu.caps());
     let pipelines = McmcStepPipelines::new(&gpu, &PipelineCache::new(&gpu, None).unwrap(), &variant).unwrap();
     let case = random_case(21, 3001, 1);
     let cloud = &case.cloud;

@@ -102,7 +102,7 @@ fn cotangents(scene: &InstancedScene, camera: &Camera, options: &RenderOptions) 
 #[test]
 fn poison_does_not_reach_other_gradients() {
     let Some(gpu) = gpu() else { return };
-    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut runner = GradientRunner::new(&gpu, Variant::for_training(gpu.caps()));
     let camera = camera();
     let (mut culled, mut drawn, mut worst_culled, mut worst_drawn) = (0, 0, 0.0f64, (0.0f64, String::new()));
     let mut failures = Vec::new();
@@ -157,7 +157,7 @@ fn poison_does_not_reach_other_gradients() {
 #[test]
 fn poison_in_instances_stays_there() {
     let Some(gpu) = gpu() else { return };
-    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut runner = GradientRunner::new(&gpu, Variant::for_training(gpu.caps()));
     let mut worst = 0.0f64;
     let seeds: Vec<u64> = (0..40).filter(|&seed| random_case(seed).scene.offsets.len() > 20).take(3).collect();
     for seed in seeds {

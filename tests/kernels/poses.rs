@@ -54,7 +54,7 @@ fn twenty_instances(seed: u64) -> RandomCase {
 #[test]
 fn gradients_of_many_instances_agree_with_the_twin() {
     let Some(gpu) = gpu() else { return };
-    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut runner = GradientRunner::new(&gpu, Variant::for_training(gpu.caps()));
     let (mut seen, mut unseen) = (0, 0);
     for seed in 200..212 {
         let case = twenty_instances(seed);
@@ -96,7 +96,7 @@ const RATES: [f64; 3] = [3e-3, 2e-3, 1e-3];
 
 impl DevicePoses {
     fn new(gpu: &Arc<Gpu>, places: &[Similarity]) -> Self {
-        let variant = Variant::for_device(gpu.caps());
+        let variant = Variant::for_training(gpu.caps());
         let cache = PipelineCache::new(gpu, None).unwrap();
         let rows = |(owner, place): (usize, &Similarity)| {
             let (world_from_template, owner) = (place.rows(), owner as u32);
@@ -323,7 +323,7 @@ fn disturbed_places_recover() {
         let shift = place.translation() + 0.02 * place.scale() * rng.unit_vector();
         instance.world_from_template = Similarity::from_parts(place.rotation() * turn, scale, shift);
     }
-    let mut runner = StepRunner::new(&gpu, Variant::for_device(gpu.caps()), [41, 47], false).unwrap();
+    let mut runner = StepRunner::new(&gpu, Variant::for_training(gpu.caps()), [41, 47], false).unwrap();
     let mut state = DeviceState::new(&gpu, &start, runner.chunk_size()).unwrap();
     let mut views = data.views(&gpu);
     for step in 0..STEPS {

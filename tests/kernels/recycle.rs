@@ -17,7 +17,7 @@ use crate::densify::{EXTENT, config, instanced_case, strategy};
 #[test]
 fn a_full_cloud_makes_room_where_it_is_missed_least() {
     let Some(gpu) = gpu() else { return };
-    let chunk_size = Variant::for_device(gpu.caps()).workgroup_size;
+    let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
     for seed in 20..24 {
         let (scene, case) = instanced_case(seed, 1);
         let cap = scene.expanded_len() as u32;

@@ -150,7 +150,7 @@ fn run_with(
     intersections: Option<u32>,
     (steps, first_degree, view): (u64, u32, impl Fn(u64) -> usize),
 ) -> Run {
-    let mut runner = StepRunner::new(gpu, Variant::for_device(gpu.caps()), [41, 47], false).unwrap();
+    let mut runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), [41, 47], false).unwrap();
     if let Some(intersections) = intersections {
         runner.set_intersections(intersections);
     }

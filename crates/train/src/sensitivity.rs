@@ -79,7 +79,7 @@ pub fn measure_sensitivity(
     else {
         return Err(TrainError::NoViews);
     };
-    let mut runner = StepRunner::new(gpu, Variant::for_device(gpu.caps()), largest, false)?;
+    let mut runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), largest, false)?;
     let mut state = DeviceState::new(gpu, scene, runner.chunk_size())?;
     let gaussian = GaussianRates {
         means: NO_RATE,

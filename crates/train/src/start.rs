@@ -220,7 +220,7 @@ pub(super) fn load_all(
     };
     data.warnings.extend(same.warning);
     let places = same.places.as_deref();
-    let variant = Variant::for_device(gpu.caps());
+    let variant = Variant::for_training(gpu.caps());
     let mut start = match config.method {
         Method::Gaussians => first_state(gpu, config, resumed, &mut data, places, variant.workgroup_size)?,
         Method::Instanced => first_instanced(gpu, job, resumed, &mut data, places, variant.workgroup_size)?,
