@@ -14,7 +14,7 @@
 // - Writes `keys_out` and `values_out` (by new index).
 // - Grid: one work-group per block, indirect (`ARGS_BLOCKS` of the keys' family).
 // - Bytes per key: 8 read (12 without `STAGE_KEYS` and with more than one subgroup, which count their own digits first) and
-//   0.5 of counts; 8 written. Shared memory: 1 KiB per subgroup and 1 KiB, with `STAGE_KEYS` 16 KiB more.
+//   0.5 of counts; 8 written. Shared memory: 1 KiB per subgroup, with `STAGE_KEYS` 8 KiB at least, and 1 KiB.
 // - Guarantees: stable: equal digits keep their order across lanes, rounds, subgroups and blocks. A permutation: every
 //   key is written once, to a place of its own. Deterministic: the atomics are integer counts in shared memory, and
 //   nothing is appended in the order of arrival.
@@ -45,14 +45,12 @@ layout(constant_id = 3) const uint STAGE_KEYS = 0;
 const uint SUBGROUPS = WORKGROUP_SIZE / SUBGROUP_SIZE;
 const uint KEYS_PER_SUBGROUP = BLOCK_SIZE / SUBGROUPS;
 const uint STAGED_ROUNDS = STAGE_KEYS * (KEYS_PER_SUBGROUP / SUBGROUP_SIZE - 1) + 1;  // one without staging
-const uint STAGED_KEYS = STAGE_KEYS * (BLOCK_SIZE - 1) + 1;
-// By subgroup and digit: keys so far, later the next free place.
-shared uint places[SUBGROUPS * RADIX_SIZE];
+const uint TABLES = SUBGROUPS * RADIX_SIZE;
+const uint MORE_FOR_BLOCK = STAGE_KEYS * (BLOCK_SIZE / (1 + TABLES / BLOCK_SIZE * BLOCK_SIZE));  // 0 where the tables are as long
+// By subgroup and digit: keys so far, later the next free place. With STAGE_KEYS in the end the sorted block's keys, then values.
+shared uint places[TABLES + MORE_FOR_BLOCK];
 // By digit: the place of the block's first key.
 shared uint digit_places[RADIX_SIZE];
-// The block, sorted by the digit.
-shared uint staged_keys[STAGED_KEYS];
-shared uint staged_values[STAGED_KEYS];
 
 uint digit_of(uint key) {
     return (key >> shift) & (RADIX_SIZE - 1);
@@ -155,20 +153,27 @@ void sort_and_scatter(uint block, uint n) {
         }
     }
     barrier();
+    [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) ranks[r] += places[table + digit_of(keys[r])];
+    barrier();
+    // The table has been read: its room is the block's.
     [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) {
-        if (first + r * SUBGROUP_SIZE < n) {
-            uint place = places[table + digit_of(keys[r])] + ranks[r];
-            staged_keys[place] = keys[r];
-            staged_values[place] = values[r];
-        }
+        if (first + r * SUBGROUP_SIZE < n) places[ranks[r]] = keys[r];
+    }
+    barrier();
+    [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) keys[r] = places[r * WORKGROUP_SIZE + gl_LocalInvocationID.x];
+    barrier();
+    [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) {
+        if (first + r * SUBGROUP_SIZE < n) places[ranks[r]] = values[r];
     }
     barrier();
     uint end = min(n - min(n, block * BLOCK_SIZE), BLOCK_SIZE);
-    for (uint k = gl_LocalInvocationID.x; k < end; k += WORKGROUP_SIZE) {
-        uint key = staged_keys[k];
-        uint place = digit_places[digit_of(key)] + k;
-        keys_out[place] = key;
-        values_out[place] = staged_values[k];
+    [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) {
+        uint k = r * WORKGROUP_SIZE + gl_LocalInvocationID.x;
+        if (k < end) {
+            uint place = digit_places[digit_of(keys[r])] + k;
+            keys_out[place] = keys[r];
+            values_out[place] = places[k];
+        }
     }
 }
 

@@ -111,9 +111,8 @@ impl Variant {
             workgroup_size: largest(threads),
             radix_workgroup_size: largest(radix_subgroups * subgroup_size),
             match_by_ballot: subgroup_size > 16,
-            // With tables of digits and a little more it takes less than 32 KiB of shared memory, which every GPU has that is
-            // known to us; Vulkan promises 16.
-            stage_keys: !caps.is_llvmpipe && caps.shared_memory_bytes >= 32 << 10,
+            // Where one subgroup is the group, its keys would not fit registers.
+            stage_keys: !caps.is_llvmpipe,
             blend_workgroup_size: if caps.is_llvmpipe { subgroup_size } else { largest(128) },
             // Larger tiles have fewer pairs to make and to sort: garden at 1080p 1.4 million instead of 4.5. Blocks pick theirs
             // from the tile's list where splats are staged.
