@@ -1,5 +1,6 @@
 //! The sizes that kernels are compiled for on a device.
 
+use crate::gpu::interface::constants::BLOCK_SIZE;
 use crate::gpu::{DeviceCaps, GpuError};
 
 /// Work-group shapes and tile size; a plain value that benchmarks and tests may change.
@@ -31,6 +32,9 @@ pub struct Variant {
 
 /// Pixels along a side of the blocks that subgroups own (`BLOCK_SIDE` in `glsl/include/blend.glsl`).
 const BLOCK_SIDE: u32 = 8;
+
+/// Keys that a lane of the sort may keep: with more, the registers of a group of 256 would not leave room for other groups.
+const MOST_STAGED_KEYS: u32 = 8;
 
 impl Variant {
     /// The variant for a device: subgroups of 32 if available, of 16 on Intel's, else the largest size.
@@ -102,17 +106,24 @@ impl Variant {
         // Powers of two, so that work-groups divide the blocks of scan and sort.
         let largest = |want: u32| 1 << want.min(most).max(subgroup_size).ilog2();
         // A CPU driver runs one subgroup at a time: more than one per work-group only adds barriers.
-        let radix_subgroups = if caps.is_llvmpipe { 1 } else { 8 };
+        let radix_subgroups = match (caps.is_llvmpipe, subgroup_size) {
+            (true, _) => 1,
+            (false, 16) => 16,
+            (false, _) => 8,
+        };
+        let radix_workgroup_size = largest(radix_subgroups * subgroup_size);
+        // Its lanes keep their keys in registers, and its tables take 1 KiB a subgroup and a little more.
+        let staged_keys_fit = BLOCK_SIZE / radix_workgroup_size <= MOST_STAGED_KEYS
+            && caps.shared_memory_bytes >= (radix_workgroup_size / subgroup_size + 2) << 10;
         // The same, and chunks that fit templates: of a group of 256, most lanes idle where an instance has 100 Gaussians. A
         // training step of shelf_1 takes 58 ms with 256, 60 with 64, 49 with 32 and 56 with 16 (plain 3DGS: 71, 67, 63, 68).
         let threads = if caps.is_llvmpipe { 32 } else { 256 };
         Self {
             subgroup_size,
             workgroup_size: largest(threads),
-            radix_workgroup_size: largest(radix_subgroups * subgroup_size),
+            radix_workgroup_size,
             match_by_ballot: subgroup_size > 16,
-            // Where one subgroup is the group, its keys would not fit registers.
-            stage_keys: !caps.is_llvmpipe,
+            stage_keys: !caps.is_llvmpipe && staged_keys_fit,
             blend_workgroup_size: if caps.is_llvmpipe { subgroup_size } else { largest(128) },
             // Larger tiles have fewer pairs to make and to sort: garden at 1080p 1.4 million instead of 4.5. Blocks pick theirs
             // from the tile's list where splats are staged.
@@ -122,7 +133,7 @@ impl Variant {
             stage_splats: !caps.is_llvmpipe,
             // All of them with shuffles, so that these have constant lanes; some of them where code has to fit a cache.
             splats_unrolled: if caps.is_llvmpipe { subgroup_size } else { 4 },
-            backward_splats_unrolled: if caps.is_llvmpipe { 4 } else { 8.min(subgroup_size) },
+            backward_splats_unrolled: if subgroup_size < 32 { 4 } else { 8 },
         }
     }
 }
@@ -137,6 +148,55 @@ fn preferred_subgroup_size(sizes: &[u32], is_intel: bool) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A GPU with subgroups of 32.
+    fn caps(tuning: &str) -> DeviceCaps {
+        DeviceCaps {
+            name: "a GPU".into(),
+            driver: String::new(),
+            api_version: "1.3.0".into(),
+            device_type: "discrete",
+            min_subgroup_size: 32,
+            max_subgroup_size: 32,
+            default_subgroup_size: 32,
+            can_require_subgroup_size: true,
+            max_workgroup_subgroups: 32,
+            max_workgroup_invocations: 1024,
+            shared_memory_bytes: 48 << 10,
+            max_storage_bytes: 1 << 32,
+            max_workgroup_count: 65535,
+            max_storage_buffers: 64,
+            timestamp_period_ns: 1.0,
+            is_intel: false,
+            is_llvmpipe: false,
+            loop_iteration_limit: None,
+            tuning: tuning.parse().unwrap(),
+        }
+    }
+
+    #[test]
+    fn tuning_changes_what_it_names_and_says_what_does_not_fit() {
+        let picked = Variant::for_device(&caps(""));
+        assert!(picked.stage_keys && picked.stage_splats && picked.tile_size == 16, "{picked:?}");
+        assert_eq!(Variant::for_training(&caps("")), Variant { tile_size: 8, ..picked });
+        let tuned = Variant::tuned(&caps("tile_size=32,stage_keys=0,radix_workgroup_size=512")).unwrap();
+        assert_eq!(tuned, Variant { tile_size: 32, stage_keys: false, radix_workgroup_size: 512, ..picked });
+        for wrong in ["tile_size=24", "tile_size=4", "subgroup_size=8", "blend_workgroup_size=2048", "colour=1"] {
+            assert!(Variant::tuned(&caps(wrong)).is_err(), "{wrong}");
+            assert_eq!(Variant::for_device(&caps(wrong)), picked);
+        }
+    }
+
+    #[test]
+    fn keys_are_staged_where_registers_and_shared_memory_hold_them() {
+        let staged = |size, shared_memory_bytes| {
+            let sizes = DeviceCaps { min_subgroup_size: size, max_subgroup_size: size, ..caps("") };
+            Variant::for_device(&DeviceCaps { shared_memory_bytes, ..sizes }).stage_keys
+        };
+        assert!(staged(64, 16 << 10) && staged(32, 16 << 10) && staged(16, 32 << 10));
+        // 17 KiB of tables; 16 keys a lane.
+        assert!(!staged(16, 16 << 10) && !staged(8, 64 << 10));
+    }
 
     #[test]
     fn intel_gets_16_lanes_and_others_32_where_they_have_them() {
