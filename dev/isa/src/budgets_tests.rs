@@ -21,6 +21,7 @@ fn device(kernel: &str, figures: &[(Figure, u64)]) -> BTreeMap<String, DeviceFig
         specialisation: "TRAINING=1".into(),
         subgroup_sizes: vec![32],
         figures: figures.iter().copied().collect(),
+        unknown: BTreeMap::new(),
     };
     let (device, driver) = ("a device".into(), "a driver".into());
     let figures = DeviceFigures { device, driver, subgroup_size: 32, seconds: 1.0, kernels: vec![row] };

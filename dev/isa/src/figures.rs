@@ -85,6 +85,19 @@ fn figures(executable: &Executable, code_unit: u64) -> Figures {
     out
 }
 
+/// The largest values of statistics that are no figure, by the driver's names.
+fn unknown(executables: &[Executable]) -> BTreeMap<String, f64> {
+    let mut out = BTreeMap::new();
+    for (name, value) in executables.iter().flat_map(|piece| &piece.statistics) {
+        let is_known = NAMES.iter().any(|(_, names)| names.contains(&name.to_lowercase().as_str()));
+        if !is_known {
+            let largest: &mut f64 = out.entry(name.clone()).or_insert(*value);
+            *largest = largest.max(*value);
+        }
+    }
+    out
+}
+
 /// Figures where each is the worst of several pieces of code.
 pub(crate) fn worst<'a>(all: impl IntoIterator<Item = &'a Figures>) -> Figures {
     let mut out = Figures::new();
@@ -105,6 +118,9 @@ pub struct KernelFigures {
     pub subgroup_sizes: Vec<u32>,
     /// The worst of the pieces of machine code.
     pub figures: Figures,
+    /// What the driver says under names that are unknown here, the largest of the pieces.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub unknown: BTreeMap<String, f64>,
 }
 
 /// All pipelines on one device.
@@ -134,6 +150,7 @@ impl DeviceFigures {
                 specialisation: specialisation(&pipeline.constants, others.map(|other| &other.constants[..])),
                 subgroup_sizes: pipeline.executables.iter().map(|piece| piece.subgroup_size).collect(),
                 figures: worst(&pieces),
+                unknown: unknown(&pipeline.executables),
             }
         };
         let (device, driver) = (caps.name.clone(), caps.driver.clone());
@@ -165,9 +182,10 @@ mod tests {
     }
 
     #[test]
-    fn drivers_names_become_figures_and_unknown_ones_are_left_out() {
+    fn drivers_names_become_figures_and_unknown_ones_stand_beside_them() {
         let amd = executable(&[("VGPRs", 96.0), ("Spilled VGPRs", 3.0), ("Spilled SGPRs", 2.0), ("Hash", 7.0)]);
         assert_eq!(figures(&amd, 1), Figures::from([(Figure::Registers, 96), (Figure::Spills, 5)]));
+        assert_eq!(unknown(&[amd, executable(&[("Hash", 9.0)])]), BTreeMap::from([("Hash".to_owned(), 9.0)]));
         let nvidia = executable(&[("Number of GPRs", 64.0), ("Max warps/SM", 32.0)]);
         assert_eq!(figures(&nvidia, 1), Figures::from([(Figure::Registers, 64), (Figure::Waves, 32)]));
         let adreno = executable(&[("Code size", 50.0), ("Instruction Count", 25.0)]);

@@ -74,6 +74,7 @@ mod tests {
             specialisation: specialisation.into(),
             subgroup_sizes: vec![32],
             figures: figures.iter().copied().collect(),
+            unknown: BTreeMap::new(),
         }
     }
 
