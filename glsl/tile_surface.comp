@@ -50,7 +50,9 @@ void main() {
     Block block = block_of_subgroup();
     if (block.tile >= tiles.x * tiles.y) return;
     uint lane = gl_SubgroupInvocationID;
-    uvec2 corner = block_corner(block, tiles.x);
+    uint blocks_per_tile = BLOCKS_PER_TILE;
+    uvec2 origin = block_origin(block, tiles.x);
+    uvec2 corner = origin + lane_in_block();
     uvec2 range = tile_ranges[block.tile];
     bool first_slab = counters[COUNTER_SLAB_BEGIN] == 0;
     bool last_slab = counters[COUNTER_SLAB_END] == counters[COUNTER_VISIBLE];
@@ -73,10 +75,13 @@ void main() {
     vec2 center = vec2(corner) + 0.5;
     for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
         uint slot = isect_values[min(base + lane, range.y - 1)];
-        Splat mine = with_conic_for_exp2(splats[slot]);
+        Splat stored = splats[slot];
+        Splat mine = with_conic_for_exp2(stored);
+        uvec4 reaching = subgroupBallot(BLOCKS_PER_TILE == 1 || reaches_block(stored, origin));
         // The same arithmetic as in tile_blend, bit for bit.
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
+            if (blocks_per_tile != 1 && !subgroupBallotBitExtract(reaching, j)) continue;
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
             float opacity = subgroupShuffle(mine.b.y, j);
             float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
