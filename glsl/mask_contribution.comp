@@ -44,9 +44,7 @@ void main() {
     MaskUnit unit = units[unit_index];
     Block block = Block(unit.block / BLOCKS_PER_TILE, unit.block % BLOCKS_PER_TILE);
     uint lane = gl_SubgroupInvocationID;
-    uint blocks_per_tile = BLOCKS_PER_TILE;
-    uvec2 origin = block_origin(block, tiles.x);
-    uvec2 corner = origin + lane_in_block();
+    uvec2 corner = block_corner(block, tiles.x);
     uvec2 range = tile_ranges[block.tile];
 
     float t[PIXELS_PER_LANE];  // transmittance while the pixel is live, 0 once the stop rule has fired
@@ -64,13 +62,10 @@ void main() {
     for (; base < range.y; base += SUBGROUP_SIZE) {
         uint i = min(base + lane, range.y - 1);
         uint slot = isect_values[i];
-        Splat stored = splats[slot];
-        Splat mine = with_conic_for_exp2(stored);
-        uvec4 reaching = subgroupBallot(BLOCKS_PER_TILE == 1 || reaches_block(stored, origin));
+        Splat mine = with_conic_for_exp2(splats[slot]);
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         uint own = 0;
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
-            if (blocks_per_tile != 1 && !subgroupBallotBitExtract(reaching, j)) continue;
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
             float opacity = subgroupShuffle(mine.b.y, j);
             float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);

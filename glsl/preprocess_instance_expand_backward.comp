@@ -8,7 +8,7 @@
 //   offsets, each of which belongs to one thread.
 // - With POSES, writes the gradient by the instance's pose, summed over each subgroup: 28 bytes per subgroup of a work
 //   item, except for the background.
-// - Grid: one work-group per work item, indirect; threads beyond the survivors idle.
+// - Grid: one work-group per work item, indirect; threads beyond the survivors only help to sum long lists.
 // - Exact derivatives of the forward pass: conic by -P G P, antialias compensation with its floor, the slope clamp (no
 //   gradient to x where clamped; z keeps its own), the colour clamp at 0, SH direction into the mean.
 // - Gradients by shape remain gradients by the template's covariance here, 6 numbers: their sum over instances is
@@ -85,7 +85,7 @@ SplatMoments sum_by_subgroup(uint first, uint end) {
     return total;
 }
 
-// Sums over all tiles of each lane's splat, in an order that depends on nothing but the length of its list. All lanes of the
+// Sums over all tiles of each lane's splat, in an order that depends on the subgroup size and the length of its list. All lanes of the
 // subgroup call it; those without a splat get zeros.
 SplatMoments total_moments(uint slot, bool has_splat) {
     uint first = 0, end = 0;

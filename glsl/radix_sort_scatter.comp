@@ -46,7 +46,7 @@ const uint SUBGROUPS = WORKGROUP_SIZE / SUBGROUP_SIZE;
 const uint KEYS_PER_SUBGROUP = BLOCK_SIZE / SUBGROUPS;
 const uint STAGED_ROUNDS = STAGE_KEYS * (KEYS_PER_SUBGROUP / SUBGROUP_SIZE - 1) + 1;  // one without staging
 const uint TABLES = SUBGROUPS * RADIX_SIZE;
-const uint MORE_FOR_BLOCK = STAGE_KEYS * (BLOCK_SIZE / (1 + TABLES / BLOCK_SIZE * BLOCK_SIZE));  // 0 where the tables are as long
+const uint MORE_FOR_BLOCK = STAGE_KEYS * ((BLOCK_SIZE - TABLES % BLOCK_SIZE) % BLOCK_SIZE);  // 0 where the tables are as long
 // By subgroup and digit: keys so far, later the next free place. With STAGE_KEYS in the end the sorted block's keys, then values.
 shared uint places[TABLES + MORE_FOR_BLOCK];
 // By digit: the place of the block's first key.

@@ -1,7 +1,8 @@
 #version 460
 // Backward pass of the blend: replays each tile front to back and sums the contributions of its pixels to each splat.
 //
-// One subgroup owns an 8x8 block, as in `tile_blend`, and walks the same list by the same rules. A pixel keeps T and
+// One subgroup owns an 8x8 block, as in `tile_blend`, and walks the same list by the same rules, by shuffles or, without
+// `TRANSPOSE`, through shared memory. A pixel keeps T and
 // the sum over the splats still to come of weight times value, where value = (colour, 1) . g with g the cotangent by
 // rgb and by alpha minus background. With it dL/dalpha = T value - rest / (1 - alpha), without divisions of T.
 //
@@ -154,7 +155,7 @@ void main() {
         Splat mine = with_conic_for_exp2(splats[slot_from_emission[emission]]);
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         uint stage_splats = STAGE_SPLATS;
-        if (stage_splats != 0) stage(mine, true);
+        if (stage_splats != 0 && transpose == 0) stage(mine, true);
         if (transpose == 0) {
             // Partly unrolled: the code of all splats of a subgroup would not fit the instruction caches of GPUs.
             [[dont_unroll]] for (uint first = 0; first < SUBGROUP_SIZE; first += SPLATS_UNROLLED) {

@@ -70,7 +70,7 @@
 //!   splats            [slot]               preprocess_instance_expand   Eq. 6, projection, tile count, colour
 //!       | scan of survivors
 //!   (depth key, slot) [0..visible]         compact_visible              dense list, flat order
-//!   slots             [depth order]        radix_sort_count, scan, radix_sort_scatter: 4 digits
+//!   slots             [depth order]        radix_sort_count, _scan, _scatter: 4 digits
 //!
 //! once per depth slab (one, unless the intersection buffer or a tile's list would overflow):
 //!   isect_offsets     [depth order]        scan of tile counts
@@ -97,7 +97,7 @@
 //!
 //! # A training step
 //!
-//! The same forward passes, with two differences: chunks are not culled, since means move, and the tile sort carries
+//! The same forward passes, with three differences: tiles are 8x8 pixels, chunks are not culled, since means move, and the tile sort carries
 //! *emission indices* (places in the list before the sort, where the entries of one splat are neighbours). Then:
 //!
 //! ```text

@@ -72,6 +72,6 @@ bool reaches_block(Splat splat, uvec2 origin) {
     float least_column = column.x + column.y + column.z - 1e-5 * (column.x + abs(column.y) + column.z);
     float least_row = row.x + row.y + row.z - 1e-5 * (row.x + abs(row.y) + row.z);
     float limit = 2.0 * log(255.0 * splat.b.y) + 1e-3;
-    // Numbers that are none reach everything.
+    // NaN reaches everything.
     return !(min(least_column, least_row) > limit);
 }

@@ -1,6 +1,6 @@
 // How the lanes of a subgroup see each other's splats.
 
-// 1 = through shared memory, 0 = by shuffles, of which a splat takes ten.
+// 1 = through shared memory, 0 = by shuffles, of which a splat takes ten. CPU drivers read shared memory lane by lane.
 layout(constant_id = 6) const uint STAGE_SPLATS = 0;
 
 const uint STAGED_SPLATS = STAGE_SPLATS * (WORKGROUP_SIZE - 1) + 1;  // nothing to speak of without staging
@@ -14,7 +14,7 @@ uint stage(Splat mine, bool wanted) {
     uvec4 ballot = subgroupBallot(wanted);
     uint count = subgroupBallotBitCount(ballot);
     uint before = subgroupBallotExclusiveBitCount(ballot);
-    uint place = wanted ? before : count + gl_SubgroupInvocationID - before;
+    uint place = mix(count + gl_SubgroupInvocationID - before, before, wanted);
     uint at = gl_SubgroupID * SUBGROUP_SIZE + place;
     subgroupBarrier();
     staged_a[at] = mine.a;

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::variant::BLOCK_SIDE;
 use super::*;
 use crate::gpu::interface::constants::{SHOW_COLOR, SHOW_NOTHING};
 use crate::gpu::{Gpu, GpuError, PipelineCache};
@@ -26,6 +27,8 @@ pub fn compile_every_pipeline(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Va
     }
     for (traits, poses) in [(SceneTraits::plain(0), false), (plain, false), (full, true)] {
         let traits = SceneTraits { levels: false, ..traits };
+        // As `Variant::for_training`.
+        let variant = Variant { tile_size: BLOCK_SIDE, ..variant };
         Pipelines::new(gpu, cache, variant, traits, true)?;
         BackwardPipelines::new(gpu, cache, variant, traits, poses)?;
     }

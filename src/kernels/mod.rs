@@ -15,4 +15,4 @@ pub use pipelines::{
     PresentPipelines, PresentVariant, Primitives, SegmentPipelines, SurfacePipelines,
 };
 pub use scene_traits::SceneTraits;
-pub use variant::Variant;
+pub use variant::{Variant, open_tuned};

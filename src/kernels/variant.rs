@@ -1,7 +1,9 @@
 //! The sizes that kernels are compiled for on a device.
 
-use crate::gpu::interface::constants::BLOCK_SIZE;
-use crate::gpu::{DeviceCaps, GpuError};
+use std::sync::Arc;
+
+use crate::gpu::interface::constants::{BLOCK_SIZE, RADIX_SIZE};
+use crate::gpu::{DeviceCaps, Gpu, GpuError, GpuOptions, Tuning};
 
 /// Work-group shapes and tile size; a plain value that benchmarks and tests may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -31,15 +33,42 @@ pub struct Variant {
 }
 
 /// Pixels along a side of the blocks that subgroups own (`BLOCK_SIDE` in `glsl/include/blend.glsl`).
-const BLOCK_SIDE: u32 = 8;
+pub(crate) const BLOCK_SIDE: u32 = 8;
 
 /// Keys that a lane of the sort may keep: with more, the registers of a group of 256 would not leave room for other groups.
 const MOST_STAGED_KEYS: u32 = 8;
 
+/// Subgroups that `glsl/include/workgroup_scan.glsl` has room for.
+const MOST_SUBGROUPS: u32 = 64;
+
+/// What `glsl/include/staging.glsl` keeps of a splat.
+const STAGED_SPLAT_BYTES: u32 = 40;
+
+/// Largest work-group with a required subgroup size.
+fn most_threads(caps: &DeviceCaps, subgroup_size: u32) -> u32 {
+    caps.max_workgroup_invocations.min(caps.max_workgroup_subgroups.saturating_mul(subgroup_size))
+}
+
+/// Shared memory of `radix_sort_scatter`: a table of digits per subgroup or, with `stage_keys`, at least the keys of a block;
+/// the digits' places; the sums of a work-group scan.
+fn sort_shared_bytes(radix_workgroup_size: u32, subgroup_size: u32, stage_keys: bool) -> u32 {
+    let tables = radix_workgroup_size / subgroup_size * RADIX_SIZE;
+    4 * (tables.max(if stage_keys { BLOCK_SIZE } else { 0 }) + RADIX_SIZE + MOST_SUBGROUPS)
+}
+
+/// Opens a device with the tuning of the environment.
+///
+/// # Errors
+/// As [`Gpu::open`]; the tuning does not fit the device.
+pub fn open_tuned(options: GpuOptions) -> Result<Arc<Gpu>, GpuError> {
+    let gpu = Gpu::open(&GpuOptions { tuning: Tuning::of_environment()?, ..options })?;
+    Variant::tuned(gpu.caps())?;
+    Ok(gpu)
+}
+
 impl Variant {
-    /// The variant for a device: subgroups of 32 if available, of 16 on Intel's, else the largest size.
-    ///
-    /// With `caps.tuning` as there; without it where it does not fit, which [`Variant::tuned`] tells.
+    /// The variant for a device: subgroups of 32 if available, of 16 on Intel's, else the largest size; changed by
+    /// `caps.tuning` if that fits the device ([`Variant::tuned`] says why it does not).
     pub fn for_device(caps: &DeviceCaps) -> Self {
         Self::tuned(caps).unwrap_or_else(|_| Self::picked_for(caps))
     }
@@ -62,7 +91,7 @@ impl Variant {
             None => Self::picked_for(caps),
         };
         let subgroup_size = variant.subgroup_size;
-        let most = caps.max_workgroup_invocations.min(caps.max_workgroup_subgroups.saturating_mul(subgroup_size));
+        let most = most_threads(caps, subgroup_size).min(BLOCK_SIZE).min(MOST_SUBGROUPS * subgroup_size);
         for (name, number) in caps.tuning.numbers() {
             let (field, fits) = match name {
                 "subgroup_size" => continue,
@@ -92,7 +121,32 @@ impl Variant {
             }
             *field = number;
         }
+        let Self { radix_workgroup_size, stage_keys, blend_workgroup_size, stage_splats, .. } = variant;
+        let sort_bytes = sort_shared_bytes(radix_workgroup_size, subgroup_size, stage_keys);
+        let blend_bytes = if stage_splats { STAGED_SPLAT_BYTES * blend_workgroup_size } else { 0 };
+        for (what, bytes) in [("the sort", sort_bytes), ("the blend", blend_bytes)] {
+            if bytes > caps.shared_memory_bytes {
+                let (device, most) = (&caps.name, caps.shared_memory_bytes);
+                return Err(GpuError::Tuning(format!(
+                    "{what} takes {bytes} bytes of shared memory, {device} has {most}"
+                )));
+            }
+        }
+        if stage_keys && radix_workgroup_size == subgroup_size {
+            return Err(GpuError::Tuning("stage_keys wants more than one subgroup in radix_workgroup_size".into()));
+        }
         Ok(variant)
+    }
+
+    /// Loop iterations that the blends take for each subgroup of splats in a tile's list, forward or backward.
+    pub(crate) fn iterations_per_subgroup_of_splats(&self) -> u32 {
+        let inner = |unrolled: u32| self.subgroup_size / unrolled;
+        let forward = match !self.stage_splats && self.splats_unrolled == self.subgroup_size {
+            true => 0,
+            false => inner(self.splats_unrolled),
+        };
+        let backward = if self.transpose_moments { 0 } else { inner(self.backward_splats_unrolled) };
+        1 + forward.max(backward)
     }
 
     fn picked_for(caps: &DeviceCaps) -> Self {
@@ -102,19 +156,18 @@ impl Variant {
 
     /// The variant for one of `caps.subgroup_sizes()`.
     pub fn for_subgroup_size(caps: &DeviceCaps, subgroup_size: u32) -> Self {
-        let most = caps.max_workgroup_invocations.min(caps.max_workgroup_subgroups.saturating_mul(subgroup_size));
+        let most = most_threads(caps, subgroup_size);
         // Powers of two, so that work-groups divide the blocks of scan and sort.
         let largest = |want: u32| 1 << want.min(most).max(subgroup_size).ilog2();
         // A CPU driver runs one subgroup at a time: more than one per work-group only adds barriers.
-        let radix_subgroups = match (caps.is_llvmpipe, subgroup_size) {
-            (true, _) => 1,
-            (false, 16) => 16,
-            (false, _) => 8,
-        };
+        let mut radix_subgroups = if caps.is_llvmpipe { 1 } else { 8 };
+        // Twice as many at 16 lanes, so that a lane's keys fit its registers, where shared memory has room for the tables.
+        if radix_subgroups > 1 && subgroup_size == 16 && sort_shared_bytes(256, 16, true) <= caps.shared_memory_bytes {
+            radix_subgroups = 16;
+        }
         let radix_workgroup_size = largest(radix_subgroups * subgroup_size);
-        // Its lanes keep their keys in registers, and its tables take 1 KiB a subgroup and a little more.
         let staged_keys_fit = BLOCK_SIZE / radix_workgroup_size <= MOST_STAGED_KEYS
-            && caps.shared_memory_bytes >= (radix_workgroup_size / subgroup_size + 2) << 10;
+            && sort_shared_bytes(radix_workgroup_size, subgroup_size, true) <= caps.shared_memory_bytes;
         // The same, and chunks that fit templates: of a group of 256, most lanes idle where an instance has 100 Gaussians. A
         // training step of shelf_1 takes 58 ms with 256, 60 with 64, 49 with 32 and 56 with 16 (plain 3DGS: 71, 67, 63, 68).
         let threads = if caps.is_llvmpipe { 32 } else { 256 };
@@ -162,7 +215,7 @@ mod tests {
             can_require_subgroup_size: true,
             max_workgroup_subgroups: 32,
             max_workgroup_invocations: 1024,
-            shared_memory_bytes: 48 << 10,
+            shared_memory_bytes: 32 << 10,
             max_storage_bytes: 1 << 32,
             max_workgroup_count: 65535,
             max_storage_buffers: 64,
@@ -181,7 +234,10 @@ mod tests {
         assert_eq!(Variant::for_training(&caps("")), Variant { tile_size: 8, ..picked });
         let tuned = Variant::tuned(&caps("tile_size=32,stage_keys=0,radix_workgroup_size=512")).unwrap();
         assert_eq!(tuned, Variant { tile_size: 32, stage_keys: false, radix_workgroup_size: 512, ..picked });
-        for wrong in ["tile_size=24", "tile_size=4", "subgroup_size=8", "blend_workgroup_size=2048", "colour=1"] {
+        // 32 KiB of tables and more; one subgroup.
+        let sorts = ["radix_workgroup_size=1024", "radix_workgroup_size=32"];
+        let others = ["tile_size=24", "tile_size=4", "subgroup_size=8", "blend_workgroup_size=2048", "colour=1"];
+        for wrong in sorts.into_iter().chain(others) {
             assert!(Variant::tuned(&caps(wrong)).is_err(), "{wrong}");
             assert_eq!(Variant::for_device(&caps(wrong)), picked);
         }
@@ -196,6 +252,10 @@ mod tests {
         assert!(staged(64, 16 << 10) && staged(32, 16 << 10) && staged(16, 32 << 10));
         // 17 KiB of tables; 16 keys a lane.
         assert!(!staged(16, 16 << 10) && !staged(8, 64 << 10));
+        let small =
+            DeviceCaps { min_subgroup_size: 16, max_subgroup_size: 16, shared_memory_bytes: 16 << 10, ..caps("") };
+        let Variant { radix_workgroup_size, .. } = Variant::for_device(&small);
+        assert!(sort_shared_bytes(radix_workgroup_size, 16, false) <= 16 << 10);
     }
 
     #[test]

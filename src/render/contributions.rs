@@ -57,7 +57,8 @@ impl ContributionRenderer {
     /// # Errors
     /// A scene with instances, or beyond the device's limits.
     pub fn new(gpu: &Arc<Gpu>, cloud: &InstancedScene) -> Result<Self, RenderError> {
-        Self::with_renderer(gpu, Renderer::new(gpu)?, cloud)
+        // An entry is written for each splat of a tile and each block of it, and all are read back.
+        Self::with_renderer(gpu, Renderer::new(gpu)?.with_tiles_of_one_block(), cloud)
     }
 
     /// The same as [`ContributionRenderer::new`], with the renderer's variant and capacities.

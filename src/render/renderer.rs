@@ -6,6 +6,7 @@ use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
 use crate::gpu::staging::download;
 use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder, user_cache_path};
+use crate::kernels::variant::BLOCK_SIDE;
 use crate::kernels::{Pipelines, Primitives, SceneTraits, Variant};
 use crate::scene::{Camera, DevicePrecision};
 
@@ -79,6 +80,10 @@ impl Renderer {
 
     fn with_first_sound_variant(gpu: &Arc<Gpu>, profile: bool) -> Result<Self, RenderError> {
         let preferred = Variant::for_device(gpu.caps());
+        if gpu.caps().tuning.numbers().next().is_some() {
+            // Another variant would not be what is to be measured.
+            return Self::with_variant(gpu, preferred, profile);
+        }
         let mut sizes = gpu.caps().subgroup_sizes();
         sizes.retain(|&size| size != preferred.subgroup_size);
         let mut result = Self::with_variant(gpu, preferred, profile);
@@ -108,6 +113,12 @@ impl Renderer {
             most_intersections: u32::MAX,
             recorder: if profile { Recorder::with_profiler(gpu)? } else { Recorder::new(gpu)? },
         })
+    }
+
+    /// The same with tiles of 8x8 pixels, for passes that write something for every block of a tile.
+    pub(super) fn with_tiles_of_one_block(mut self) -> Self {
+        self.variant.tile_size = BLOCK_SIDE;
+        self
     }
 
     /// The device of this renderer.
@@ -332,7 +343,7 @@ impl Renderer {
         view: types::View,
         options: &RenderOptions,
     ) -> ForwardInputs<'a> {
-        let max_slab_splats = max_slab_splats(gpu, pipelines.variant.subgroup_size);
+        let max_slab_splats = max_slab_splats(gpu, &pipelines.variant);
         let (background, lod_error_px) = (options.background, options.lod_error_px);
         ForwardInputs { scene, pipelines, primitives, view, background, lod_error_px, max_slab_splats }
     }
@@ -415,7 +426,7 @@ impl Renderer {
             self.capacities.work_items = self.capacities.work_items.max(before.work_items);
             return Ok(());
         }
-        let most_splats = max_slab_splats(&self.gpu, self.variant.subgroup_size);
+        let most_splats = max_slab_splats(&self.gpu, &self.variant);
         check_fits("splats of a picture in one depth slab", counters[COUNTER_VISIBLE as usize], most_splats)?;
         let needed = counters[COUNTER_INTERSECTIONS as usize];
         let most = self.most_intersections_of_device();
@@ -477,10 +488,11 @@ fn is_last(counters: &Counters) -> bool {
     counters[COUNTER_SLAB_END as usize] >= counters[COUNTER_VISIBLE as usize]
 }
 
-/// Largest number of splats in a slab: a tile's list is at most as long as its slab, and the blend loop takes one
-/// iteration per subgroup of splats; one in 16 iterations is reserved for the other loops of the kernel.
-pub(super) fn max_slab_splats(gpu: &Gpu, subgroup_size: u32) -> u32 {
-    gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| (most - most / 16) * subgroup_size)
+/// Largest number of splats in a slab: a tile's list is at most as long as its slab, and the loops of the blends take some
+/// iterations per subgroup of splats; one in 16 iterations is reserved for the other loops of the kernels.
+pub(super) fn max_slab_splats(gpu: &Gpu, variant: &Variant) -> u32 {
+    let fitting = |most: u32| (most - most / 16) / variant.iterations_per_subgroup_of_splats();
+    gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| fitting(most) * variant.subgroup_size)
 }
 
 /// The variant's tile size, doubled until a splat over the whole image can be emitted within the driver's loop limit

@@ -11,7 +11,7 @@ use crate::kernels::{Primitives, Variant};
 use super::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
 use super::sort::{DigitTables, Sort, SortBuffers, record_sort};
 
-/// Several blocks, of which the last is partly filled: sums are carried from one to the next.
+/// Several blocks, of which the last is partly filled: the scan carries sums from one to the next.
 const TEST_LEN: u32 = 16 * BLOCK_SIZE + 77;
 
 /// Scans and sorts known numbers, and compares with the host.

@@ -7,7 +7,7 @@ use crate::gpu::interface::constants::{
 use super::marks::MarkShape;
 
 /// Default top of the scale of [`Show::TileLoad`], (splat, tile) pairs: eight per pixel of an 8x8 tile. Trained scenes
-/// have about 90 per tile on average, and more than this where objects are small.
+/// have about 90 per such tile on average, and more than this where objects are small. GPUs have larger tiles with longer lists.
 pub const TILE_LOAD_TOP: f32 = 512.0;
 
 /// Default top of the scale of [`Show::Offsets`], in radii of the template: of trained cars, chairs and trees, 99 % of

@@ -222,7 +222,7 @@ impl TrainFrame {
         let bytes_each = u64::from(tile_blocks) * size_of::<types::SplatMoments>() as u64;
         let most = (self.gpu.caps().max_storage_bytes / bytes_each).min(u64::from(u32::MAX)) as u32;
         check_fits("(splat, tile) pairs of a training view", record.intersections, most)?;
-        let most_splats = max_slab_splats(&self.gpu, self.variant.subgroup_size);
+        let most_splats = max_slab_splats(&self.gpu, &self.variant);
         check_fits("visible Gaussians of a training view", record.visible, most_splats)?;
         self.intersections = self.intersections.max(grown(record.intersections, most));
         Ok(true)
@@ -249,7 +249,7 @@ impl TrainFrame {
     /// The inputs and buffers of the passes, with the plan set to the size of the view.
     fn parts<'a>(&'a mut self, scene: &'a DeviceScene, view: &TrainView<'_>) -> Parts<'a> {
         let tile_size = self.tile_size();
-        let max_slab_splats = max_slab_splats(&self.gpu, self.variant.subgroup_size);
+        let max_slab_splats = max_slab_splats(&self.gpu, &self.variant);
         let (Some((pipelines, backward)), Some((frame, buffers))) = (&self.pipelines, &mut self.buffers) else {
             unreachable!("prepare runs before every recording")
         };

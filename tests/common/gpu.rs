@@ -2,7 +2,8 @@
 
 use std::sync::{Arc, OnceLock};
 
-use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions, Tuning};
+use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
+use instgs_vk::kernels::open_tuned;
 use instgs_vk::render::{Picture, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, InstancedScene};
 
@@ -12,8 +13,7 @@ pub(crate) fn gpu() -> Option<Arc<Gpu>> {
     static GPU: OnceLock<Option<Arc<Gpu>>> = OnceLock::new();
     GPU.get_or_init(|| {
         let device = std::env::var("INSTGS_TEST_DEVICE").map_or(DeviceChoice::Best, |name| name.parse().unwrap());
-        let tuning = Tuning::of_environment().unwrap();
-        match Gpu::open(&GpuOptions { device, validation: true, tuning, ..Default::default() }) {
+        match open_tuned(GpuOptions { device, validation: true, ..Default::default() }) {
             Ok(gpu) => Some(gpu),
             Err(error) if std::env::var("INSTGS_SKIP_GPU").as_deref() == Ok("1") => {
                 #[allow(clippy::print_stderr, reason = "a skipped check must be heard")]

@@ -155,6 +155,8 @@ fn variants_give_the_same_bytes() {
     let Some(gpu) = gpu() else { return };
     let own = Variant::for_device(gpu.caps());
     let variants = [
+        Variant { tile_size: 8, ..own },
+        Variant { stage_splats: !own.stage_splats, ..own },
         Variant { tile_size: 16, ..own },
         Variant { tile_size: 32, ..own },
         Variant { blend_workgroup_size: 4 * own.subgroup_size, ..own },

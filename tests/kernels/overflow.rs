@@ -60,8 +60,10 @@ fn a_deep_pile_is_blended_to_the_end() {
     // Faint splats that never reach the last one's corner: that pixel's T stays 1 until the last, opaque splat.
     let mut cloud = Gaussians::with_capacity(0, deep + 1);
     for i in 0..=deep {
-        let last = i == deep;
-        cloud.means.push([if last { 0.35 } else { -0.35 }, 0.0, 1.0 + 0.6 * i as f32 / deep as f32]);
+        // So is the middle one, and in its own corner.
+        let (middle, last) = (i == deep / 2, i == deep || i == deep / 2);
+        let place = [if last { 0.35 } else { -0.35 }, if middle { 0.4 } else { 0.0 }];
+        cloud.means.push([place[0], place[1], 1.0 + 0.6 * i as f32 / deep as f32]);
         cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
         cloud.log_scales.push([0.02f32.ln(); 3]);
         cloud.opacity_logits.push(if last { 4.0 } else { -5.4 });
@@ -85,6 +87,9 @@ fn a_deep_pile_is_blended_to_the_end() {
     // The last splat's centre is at x = 4 + 8 * 0.35 / 1.6 = 5.75, y = 4.
     let right = renderer.download().unwrap().colors[3 * 8 + 5];
     assert!(right[3] > 0.3, "the last splat of {deep} is there: {right:?}");
+    // That of the middle one is at x = 4 + 8 * 0.35 / 1.3 = 6.15, y = 4 + 8 * 0.4 / 1.3 = 6.46.
+    let below = renderer.download().unwrap().colors[6 * 8 + 6];
+    assert!(below[3] > 0.3, "the splat in the middle of {deep} is there: {below:?}");
     assert!(gpu.caps().loop_iteration_limit.is_none() || stats.slabs > 1, "{} slabs", stats.slabs);
     assert_silent(&gpu);
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use instgs_reference::radix_sort::sort_pairs;
-use instgs_vk::gpu::interface::constants::RADIX_BITS;
+use instgs_vk::gpu::interface::constants::{BLOCK_SIZE, RADIX_BITS};
 use instgs_vk::gpu::{Gpu, PipelineCache};
 use instgs_vk::kernels::{Primitives, Variant};
 use instgs_vk::math::rng::Rng;
@@ -32,7 +32,9 @@ fn sorts_are_stable_and_complete() {
     let mut rng = Rng::new(5);
     for variant in variants(&gpu) {
         let primitives = primitives(&gpu, &variant);
-        for n in [1, 3, 2047, 2048, 2049, 50_000] {
+        // The last: more blocks than a round of `radix_sort_scan` takes.
+        let many_blocks = ((variant.radix_workgroup_size + 1) * BLOCK_SIZE + 1) as usize;
+        for n in [1, 3, 2047, 2048, 2049, 50_000, many_blocks] {
             for key_bits in [1, 8, 13, 32] {
                 let mask = u32::MAX >> (32 - key_bits);
                 let keys: Vec<u32> = (0..n).map(|_| rng.next_u32() & mask).collect();

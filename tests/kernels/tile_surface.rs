@@ -1,9 +1,10 @@
-//! Kernel `tile_surface` against its twin: random scenes, in one piece and in depth slabs.
+//! Kernel `tile_surface` against its twin: random scenes, in one piece and in depth slabs, with tiles of two sizes.
 
 use instgs_reference::preprocess_instance_expand::sources;
 use instgs_reference::tile_blend::relaxed_limits;
 use instgs_reference::tile_surface::surfaces;
 use instgs_reference::{View, splats_in_depth_order};
+use instgs_vk::kernels::Variant;
 use instgs_vk::render::{RenderOptions, Renderer, Surfaces};
 
 use crate::common::gpu::{assert_silent, device_options, gpu};
@@ -12,7 +13,11 @@ use crate::common::random_scene::random_case;
 #[test]
 fn surfaces_are_what_the_twin_says_and_slabs_change_nothing() {
     let Some(gpu) = gpu() else { return };
+    let own = Variant::for_device(gpu.caps());
     let mut renderer = Renderer::new(&gpu).unwrap();
+    // Larger tiles, whose blocks skip splats that do not reach them.
+    let other = Variant { tile_size: if own.tile_size == 8 { 16 } else { 8 }, ..own };
+    let mut other = Renderer::with_variant(&gpu, other, false).unwrap();
     let mut on_device = Surfaces::new(&gpu).unwrap();
     let (mut compared, mut fragile, mut slabs, mut kinds) = (0, 0, 0, std::collections::BTreeSet::new());
     for seed in 0..24 {
@@ -34,6 +39,9 @@ fn surfaces_are_what_the_twin_says_and_slabs_change_nothing() {
                 kinds.insert(want.map(|[k, _]| (k as usize).min(case.scene.instances.len())));
             }
         }
+        other.render_with_surfaces(&device, &case.camera, &options, &mut on_device).unwrap();
+        assert!(on_device.download().unwrap() == got, "seed {seed}: another tile size");
+        renderer.render_with_surfaces(&device, &case.camera, &options, &mut on_device).unwrap();
         let [x, y] = [case.camera.width / 2, case.camera.height / 2];
         assert_eq!(on_device.at([x, y]).unwrap(), got[(y * case.camera.width + x) as usize]);
         assert_eq!(on_device.at([case.camera.width, y]).unwrap(), None);

@@ -61,6 +61,9 @@ pub(super) fn run(args: &InfoArgs, device_args: &DeviceArgs, printer: &Printer) 
     if args.json {
         return printer.json(&Info { version: env!("CARGO_PKG_VERSION"), devices, picked });
     }
+    if gpu.caps().tuning.numbers().next().is_some() {
+        printer.line(format_args!("tuned to: {}", described(&picked.variant)));
+    }
     let heap = grouped(picked.device_heap_bytes >> 20);
     printer.line(format_args!("picked: {} ({heap} MiB of device memory)", picked.name));
     Ok(())
@@ -91,6 +94,12 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
             period => format!("{period} ns"),
         },
     );
+    row("variant", described(variant));
+    printer.line(table);
+}
+
+/// What the kernels are compiled for, in words.
+fn described(variant: &Variant) -> String {
     let Variant {
         subgroup_size,
         workgroup_size,
@@ -108,13 +117,9 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
     let staging = if *stage_keys { " in shared memory" } else { "" };
     let sharing = if *stage_splats { "shared memory" } else { "shuffles" };
     let moments = if *transpose_moments { "transposition" } else { "scattering" };
-    row(
-        "variant",
-        format!(
-            "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}{staging}, \
-             blend {blend_workgroup_size}), tiles {tile_size}x{tile_size}, backward sums by {moments}, splats by \
+    format!(
+        "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}{staging}, \
+             blend {blend_workgroup_size}), tiles {tile_size}x{tile_size} (8x8 in training), backward sums by {moments}, splats by \
              {sharing} and unrolled {splats_unrolled} and {backward_splats_unrolled} at a time"
-        ),
-    );
-    printer.line(table);
+    )
 }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use clap::Args;
 
 use crate::error::CliError;
-use instgs_vk::gpu::{DeviceChoice, Faults, Gpu, GpuOptions, Tuning};
-use instgs_vk::kernels::Variant;
+use instgs_vk::gpu::{DeviceChoice, Faults, Gpu, GpuOptions};
+use instgs_vk::kernels::open_tuned;
 
 /// The environment variable that replaces `--device`.
 const DEVICE_VARIABLE: &str = "INSTGS_DEVICE";
@@ -45,11 +45,8 @@ pub fn validation() -> bool {
 
 /// Opens the device, with the validation layers if they are enabled.
 pub fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
-    let (faults, tuning) = (Faults::of_environment()?, Tuning::of_environment()?);
-    let gpu =
-        Gpu::open(&GpuOptions { device: choice, validation: validation(), faults, tuning, ..Default::default() })?;
-    Variant::tuned(gpu.caps())?;
-    Ok(gpu)
+    let faults = Faults::of_environment()?;
+    Ok(open_tuned(GpuOptions { device: choice, validation: validation(), faults, ..Default::default() })?)
 }
 
 /// Fails if the validation layers reported a message; always succeeds without them.

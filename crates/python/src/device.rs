@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
+use instgs_vk::kernels::open_tuned;
 use pyo3::prelude::*;
 
 use crate::error::{OrRaise, raised};
@@ -31,7 +32,7 @@ pub(crate) fn open_device(py: Python<'_>, name: Option<DeviceName>) -> PyResult<
         Some(DeviceName::Name(text)) => text.parse().or_raise()?,
     };
     let validation = std::env::var_os(VALIDATION_VARIABLE).is_some_and(|value| value == "1");
-    py.detach(|| Gpu::open(&GpuOptions { device, validation, ..GpuOptions::default() })).or_raise()
+    py.detach(|| open_tuned(GpuOptions { device, validation, ..GpuOptions::default() })).or_raise()
 }
 
 /// Fails if the validation layers reported a message; always succeeds without them.

@@ -17,8 +17,8 @@ use std::time::Instant;
 use clap::{Args, Parser, Subcommand};
 use instgs_console::device::DeviceArgs;
 use instgs_console::{CliError, Printer, exit_code, parse};
-use instgs_vk::gpu::{Gpu, GpuOptions, PipelineCache};
-use instgs_vk::kernels::{Variant, compile_every_pipeline};
+use instgs_vk::gpu::{GpuOptions, PipelineCache};
+use instgs_vk::kernels::{Variant, compile_every_pipeline, open_tuned};
 
 use budgets::{Budgets, Verdict};
 use families::{compile_for, find_driver};
@@ -135,7 +135,7 @@ fn outcome(verdict: &Verdict, budgets: &str, printer: &Printer) -> Result<(), Cl
 
 fn run_here(args: &HereArgs, printer: &Printer) -> Result<(), CliError> {
     let options = GpuOptions { device: args.device.choice(), pipeline_statistics: true, ..Default::default() };
-    let gpu = Gpu::open(&options)?;
+    let gpu = open_tuned(options)?;
     // Devices that can only compile crash when they are closed (RADV 22.3.6), so the end of the process closes this one.
     std::mem::forget(gpu.clone());
     let (variant, begin) = (Variant::for_device(gpu.caps()), Instant::now());

@@ -26,6 +26,7 @@ use crate::ui_painter::UiPainter;
 use crate::views::View;
 use instgs_io::{IoError, LoadedScene, read_cameras};
 use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
+use instgs_vk::kernels::open_tuned;
 use instgs_vk::render::Show;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};
@@ -201,7 +202,7 @@ fn open_device(window: Arc<Window>, job: &WindowJob, mode: PresentMode) -> Resul
     let (device, validation) = (job.device.clone(), job.validation);
     let faults = Faults::of_environment()?;
     let options = GpuOptions { device, validation, display: Some(display), faults, ..Default::default() };
-    let gpu = Gpu::open(&options)?;
+    let gpu = open_tuned(options)?;
     let size = window.inner_size();
     // SAFETY: `Screen` drops the swapchain before the window, and so does this function on errors; the device was opened
     // for this display.
