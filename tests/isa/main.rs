@@ -61,7 +61,9 @@ fn kernels_beyond_a_budget_are_named_one_a_line() {
     assert_eq!(broken.len(), 2, "with TRAINING and without: {said}");
     for line in broken {
         assert!(
-            line.starts_with("warning: tile_blend (TRAINING=") && line.contains("on gfx1100: code_bytes "),
+            line.starts_with("warning: tile_blend (TILE_SIZE=")
+                && line.contains(" TRAINING=")
+                && line.contains("on gfx1100: code_bytes "),
             "{line}"
         );
         assert!(line.ends_with(", budget at most 100"), "{line}");
