@@ -35,7 +35,8 @@ fn sorts_are_stable_and_complete() {
         // The last: more blocks than a round of `radix_sort_scan` takes.
         let many_blocks = ((variant.radix_workgroup_size + 1) * BLOCK_SIZE + 1) as usize;
         for n in [1, 3, 2047, 2048, 2049, 50_000, many_blocks] {
-            for key_bits in [1, 8, 13, 32] {
+            // Hundreds of thousands of keys take CPU drivers long: once.
+            for key_bits in if n == many_blocks { vec![13] } else { vec![1, 8, 13, 32] } {
                 let mask = u32::MAX >> (32 - key_bits);
                 let keys: Vec<u32> = (0..n).map(|_| rng.next_u32() & mask).collect();
                 let values: Vec<u32> = (0..n as u32).collect();
