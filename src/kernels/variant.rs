@@ -35,6 +35,9 @@ pub struct Variant {
 /// Pixels along a side of the blocks that subgroups own (`BLOCK_SIDE` in `glsl/include/blend.glsl`).
 pub(crate) const BLOCK_SIDE: u32 = 8;
 
+/// Largest tile that can be asked for: beyond, a block would walk the splats of 64 others to find its own.
+const MOST_TILE_SIZE: u32 = 64;
+
 /// Keys that a lane of the sort may keep: with more, the registers of a group of 256 would not leave room for other groups.
 const MOST_STAGED_KEYS: u32 = 8;
 
@@ -59,7 +62,7 @@ fn sort_shared_bytes(radix_workgroup_size: u32, subgroup_size: u32, stage_keys: 
 /// Opens a device with the tuning of the environment.
 ///
 /// # Errors
-/// As [`Gpu::open`]; the tuning does not fit the device.
+/// As [`Gpu::open`]; [`GpuError::Tuning`] if `INSTGS_TUNING` cannot be read, or as [`Variant::tuned`].
 pub fn open_tuned(options: GpuOptions) -> Result<Arc<Gpu>, GpuError> {
     let gpu = Gpu::open(&GpuOptions { tuning: Tuning::of_environment()?, ..options })?;
     Variant::tuned(gpu.caps())?;
@@ -82,7 +85,8 @@ impl Variant {
     /// The variant for a device, changed by `caps.tuning`: its names are those of the fields, and 0 and 1 are no and yes.
     ///
     /// # Errors
-    /// No such field, or a number that the field cannot have on this device.
+    /// [`GpuError::Tuning`], which names what is wrong: a name that is no field, a number that is no power of two or beyond the
+    /// device's limits, or more shared memory than a work-group has.
     pub fn tuned(caps: &DeviceCaps) -> Result<Self, GpuError> {
         let subgroup_size = caps.tuning.numbers().find(|(name, _)| *name == "subgroup_size").map(|(_, size)| size);
         let mut variant = match subgroup_size {
@@ -93,30 +97,22 @@ impl Variant {
         let subgroup_size = variant.subgroup_size;
         let most = most_threads(caps, subgroup_size).min(BLOCK_SIZE).min(MOST_SUBGROUPS * subgroup_size);
         for (name, number) in caps.tuning.numbers() {
-            let (field, fits) = match name {
+            let (threads, splats) = (subgroup_size..=most, 1..=subgroup_size);
+            let (field, allowed) = match name {
                 "subgroup_size" => continue,
-                "workgroup_size" => (&mut variant.workgroup_size, (subgroup_size..=most).contains(&number)),
-                "radix_workgroup_size" => (&mut variant.radix_workgroup_size, (subgroup_size..=most).contains(&number)),
-                "blend_workgroup_size" => (&mut variant.blend_workgroup_size, (subgroup_size..=most).contains(&number)),
-                "tile_size" => (&mut variant.tile_size, (8..=64).contains(&number)),
-                "splats_unrolled" => (&mut variant.splats_unrolled, (1..=subgroup_size).contains(&number)),
-                "backward_splats_unrolled" => {
-                    (&mut variant.backward_splats_unrolled, (1..=subgroup_size).contains(&number))
-                }
-                "match_by_ballot" | "stage_keys" | "transpose_moments" | "stage_splats" => {
-                    let flag = match name {
-                        "match_by_ballot" => &mut variant.match_by_ballot,
-                        "stage_keys" => &mut variant.stage_keys,
-                        "transpose_moments" => &mut variant.transpose_moments,
-                        _ => &mut variant.stage_splats,
-                    };
-                    *flag = number != 0;
+                "workgroup_size" => (&mut variant.workgroup_size, threads),
+                "radix_workgroup_size" => (&mut variant.radix_workgroup_size, threads),
+                "blend_workgroup_size" => (&mut variant.blend_workgroup_size, threads),
+                "tile_size" => (&mut variant.tile_size, BLOCK_SIDE..=MOST_TILE_SIZE),
+                "splats_unrolled" => (&mut variant.splats_unrolled, splats),
+                "backward_splats_unrolled" => (&mut variant.backward_splats_unrolled, splats),
+                _ => {
+                    *variant.flag(name).ok_or_else(|| GpuError::Tuning(format!("there is no {name:?}")))? = number != 0;
                     continue;
                 }
-                _ => return Err(GpuError::Tuning(format!("there is no {name:?}"))),
             };
-            // Groups divide blocks of scan and sort, and tiles are divided into blocks of 8.
-            if !fits || !number.is_power_of_two() {
+            // Groups divide blocks of scan and sort, and blocks of pixels divide tiles.
+            if !allowed.contains(&number) || !number.is_power_of_two() {
                 return Err(GpuError::Tuning(format!("{name} cannot be {number} on {}", caps.name)));
             }
             *field = number;
@@ -136,6 +132,22 @@ impl Variant {
             return Err(GpuError::Tuning("stage_keys wants more than one subgroup in radix_workgroup_size".into()));
         }
         Ok(variant)
+    }
+
+    /// The field of a name that says yes or no.
+    fn flag(&mut self, name: &str) -> Option<&mut bool> {
+        match name {
+            "match_by_ballot" => Some(&mut self.match_by_ballot),
+            "stage_keys" => Some(&mut self.stage_keys),
+            "transpose_moments" => Some(&mut self.transpose_moments),
+            "stage_splats" => Some(&mut self.stage_splats),
+            _ => None,
+        }
+    }
+
+    /// Number of 8x8 blocks of pixels in a tile.
+    pub fn blocks_per_tile(&self) -> u32 {
+        (self.tile_size / BLOCK_SIDE) * (self.tile_size / BLOCK_SIDE)
     }
 
     /// Loop iterations that the blends take for each subgroup of splats in a tile's list, forward or backward.

@@ -80,7 +80,7 @@ impl Renderer {
 
     fn with_first_sound_variant(gpu: &Arc<Gpu>, profile: bool) -> Result<Self, RenderError> {
         let preferred = Variant::for_device(gpu.caps());
-        if gpu.caps().tuning.numbers().next().is_some() {
+        if !gpu.caps().tuning.is_empty() {
             // Another variant would not be what is to be measured.
             return Self::with_variant(gpu, preferred, profile);
         }

@@ -61,7 +61,7 @@ pub(super) fn run(args: &InfoArgs, device_args: &DeviceArgs, printer: &Printer) 
     if args.json {
         return printer.json(&Info { version: env!("CARGO_PKG_VERSION"), devices, picked });
     }
-    if gpu.caps().tuning.numbers().next().is_some() {
+    if !gpu.caps().tuning.is_empty() {
         printer.line(format_args!("tuned to: {}", described(&picked.variant)));
     }
     let heap = grouped(picked.device_heap_bytes >> 20);
@@ -119,7 +119,7 @@ fn described(variant: &Variant) -> String {
     let moments = if *transpose_moments { "transposition" } else { "scattering" };
     format!(
         "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}{staging}, \
-             blend {blend_workgroup_size}), tiles {tile_size}x{tile_size} (8x8 in training), backward sums by {moments}, splats by \
-             {sharing} and unrolled {splats_unrolled} and {backward_splats_unrolled} at a time"
+         blend {blend_workgroup_size}), tiles {tile_size}x{tile_size} (8x8 in training), backward sums by {moments}, \
+         splats by {sharing} and unrolled {splats_unrolled} and {backward_splats_unrolled} at a time"
     )
 }

@@ -146,7 +146,7 @@ impl TrainViews {
     /// free; from `step` on, which is the next to be recorded, they are streamed. False if none stays, or they have no files.
     ///
     /// # Errors
-    /// The device failed.
+    /// The device was lost while steps in flight were waited for.
     pub fn give_way(&mut self, step: u64) -> Result<bool, TrainError> {
         if self.resident.is_empty() || self.files.is_none() {
             return Ok(false);
@@ -223,7 +223,8 @@ impl TrainViews {
     /// Picture `index`, which was prepared; records its copy to the device if it is not there yet.
     ///
     /// # Errors
-    /// It was not prepared, or the recording failed.
+    /// [`TrainError::UnknownView`] if the picture is neither resident nor among the last that [`TrainViews::prepare`] was asked
+    /// for; a copy that does not fit its buffer.
     pub fn record(&mut self, index: usize, recorder: &mut Recorder) -> Result<&DeviceView, TrainError> {
         if index < self.resident.len() {
             return Ok(&self.resident[index]);
