@@ -112,7 +112,7 @@ void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms,
     mat3 d = by_cov * r;
     by_log_scales = 2.0 * variances * vec3(dot(r[0], d[0]), dot(r[1], d[1]), dot(r[2], d[2]));
     d = mat3(2.0 * variances.x * d[0], 2.0 * variances.y * d[1], 2.0 * variances.z * d[2]);
-    float largest = max(max(abs(quat.x), abs(quat.y)), max(abs(quat.z), abs(quat.w)));
+    float largest = largest_component(quat);
     vec4 scaled = by_largest(quat);
     float len = sqrt(dot(scaled, scaled));
     vec4 q = scaled / len;

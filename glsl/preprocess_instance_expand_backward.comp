@@ -85,8 +85,8 @@ SplatMoments sum_by_subgroup(uint first, uint end) {
     return total;
 }
 
-// Sums over all tiles of each lane's splat, in an order that depends on the subgroup size and the length of its list. All lanes of the
-// subgroup call it; those without a splat get zeros.
+// Sums over all tiles of each lane's splat, in an order that depends on the subgroup size and the length of its list. All
+// lanes of the subgroup call it; those without a splat get zeros.
 SplatMoments total_moments(uint slot, bool has_splat) {
     uint first = 0, end = 0;
     if (has_splat) {

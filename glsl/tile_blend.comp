@@ -2,9 +2,10 @@
 // Blends each tile's splats front to back: colour, alpha, expected depth.
 //
 // One subgroup owns an 8x8 block of pixels, `64 / SUBGROUP_SIZE` pixels a lane. Its lanes load one splat each, and the
-// subgroup walks them by shuffle or through its part of the shared memory: no work-group barrier. Where the walk is
-// unrolled the shuffles have constant lanes. Pixel rules: alpha < 1/255 or sigma < 0 is skipped, alpha is clamped at 0.99, and the splat that would
-// bring T below 1e-4 ends the pixel and is not blended.
+// subgroup walks them by shuffle or through its part of the shared memory: no work-group barrier. Where the whole walk is
+// unrolled the shuffles have constant lanes. Of a tile with several blocks each takes the splats that reach it. Pixel rules:
+// alpha < 1/255 or sigma < 0 is skipped, alpha is clamped at 0.99, and the splat that would bring T below 1e-4 ends the pixel
+// and is not blended.
 //
 // - Reads: 40 bytes a splat and 4 a list entry, once per 8x8 block; the tile's range; counters.
 // - Writes: 24 bytes a pixel. Between depth slabs they hold the exact fp32 state, so slabs do not change a bit.

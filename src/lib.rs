@@ -97,8 +97,9 @@
 //!
 //! # A training step
 //!
-//! The same forward passes, with three differences: tiles are 8x8 pixels, chunks are not culled, since means move, and the tile sort carries
-//! *emission indices* (places in the list before the sort, where the entries of one splat are neighbours). Then:
+//! The same forward passes, with three differences: tiles are 8x8 pixels; chunks are not culled, since means move; and the
+//! tile sort carries *emission indices* (places in the list before the sort, where the entries of one splat are
+//! neighbours). Then:
 //!
 //! ```text
 //!   exposed_colors    [pixel]              apply_exposure               if photos have exposures: M rgb + b

@@ -1,9 +1,13 @@
 // Rotation matrices of Gaussians.
 
+float largest_component(vec4 quat) {
+    return max(max(abs(quat.x), abs(quat.y)), max(abs(quat.z), abs(quat.w)));
+}
+
 // A quaternion over the largest of its components. Vulkan says nothing of divisors above 2^126, whose reciprocals are denormal
 // and 0 on some GPUs, so huge ones are first made smaller, by a power of two, which changes no bit.
 vec4 by_largest(vec4 quat) {
-    float largest = max(max(abs(quat.x), abs(quat.y)), max(abs(quat.z), abs(quat.w)));
+    float largest = largest_component(quat);
     float smaller = largest > 1e30 ? 1.0 / 4294967296.0 : 1.0;
     return quat * smaller / (largest * smaller);
 }

@@ -7,9 +7,7 @@ use crate::scene::Owner;
 
 use super::forward::ForwardInputs;
 use super::frame_buffers::FrameBuffers;
-use super::gradients::{
-    BackwardBuffers, GradientBuffers, SourceTables, StepLog, blocks_per_tile, column_strips, row_strips,
-};
+use super::gradients::{BackwardBuffers, GradientBuffers, SourceTables, StepLog, column_strips, row_strips};
 
 /// Inputs of the backward passes besides buffers.
 pub struct BackwardInputs<'a> {
@@ -148,7 +146,7 @@ fn record_blend_backward(
     let params =
         tile_blend_backward::Params { background: inputs.forward.background, size_px: plan.size_px, tiles: plan.tiles };
     let subgroups_per_group = variant.blend_workgroup_size / variant.subgroup_size;
-    let grid = Grid::groups((plan.tile_count() * blocks_per_tile(variant.tile_size)).div_ceil(subgroups_per_group));
+    let grid = Grid::groups((plan.tile_count() * variant.blocks_per_tile()).div_ceil(subgroups_per_group));
     recorder.dispatch(&inputs.pipelines.tile_blend_backward, grid, &params, bindings)
 }
 
@@ -192,7 +190,7 @@ fn record_expand_backward(
     let params = preprocess_instance_expand_backward::Params {
         view: inputs.forward.view,
         capacity: frame.plan.capacities.intersections,
-        blocks_per_tile: blocks_per_tile(inputs.forward.pipelines.variant.tile_size),
+        blocks_per_tile: inputs.forward.pipelines.variant.blocks_per_tile(),
         posed_rows: scene.posed_rows(),
     };
     let per_item = (FAMILY_WORK_ITEMS * ARGS_PER_COUNT + ARGS_ITEMS) as usize;

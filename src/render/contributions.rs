@@ -14,7 +14,6 @@ use crate::scene::{Camera, InstancedScene};
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::frame_stats::FrameStats;
-use super::gradients::blocks_per_tile;
 use super::render_options::RenderOptions;
 use super::renderer::{BlendedSlab, Renderer};
 
@@ -153,7 +152,7 @@ struct Batch {
 fn batches_of_slab(slab: &BlendedSlab<'_>, ids: &[u16], batch_entries: u32) -> Result<Vec<Batch>, GpuError> {
     let plan = &slab.frame.plan;
     let ranges = download(slab.gpu, &slab.frame.tile_ranges, plan.tile_count() as usize)?;
-    let blocks_per_tile = blocks_per_tile(slab.variant.tile_size);
+    let blocks_per_tile = slab.variant.blocks_per_tile();
     let mut batches: Vec<Batch> = Vec::new();
     for (tile, &[first, end]) in (0..).zip(&ranges) {
         let list_len = end - first;

@@ -10,7 +10,6 @@ use super::error::RenderError;
 use super::forward::ForwardInputs;
 use super::frame_buffers::FrameBuffers;
 use super::frame_stats::FrameStats;
-use super::gradients::blocks_per_tile;
 use super::marks::{MarkShape, Marks};
 use super::plan::FramePlan;
 use super::render_options::RenderOptions;
@@ -56,7 +55,7 @@ impl ExtraPasses<'_> {
 
 /// Grid of one subgroup per 8x8 block of every tile.
 pub(super) fn block_grid(plan: &FramePlan, variant: &Variant) -> Grid {
-    let blocks = plan.tile_count() * blocks_per_tile(variant.tile_size);
+    let blocks = plan.tile_count() * variant.blocks_per_tile();
     Grid::groups(blocks.div_ceil(variant.blend_workgroup_size / variant.subgroup_size))
 }
 

@@ -335,9 +335,8 @@ pub(super) fn record_blend(
         depths: &mut frame.depths,
     };
     let params = tile_blend::Params { background: inputs.background, size_px: plan.size_px, tiles: plan.tiles };
-    let blocks_per_tile = (p.variant.tile_size / 8) * (p.variant.tile_size / 8);
     let subgroups_per_group = p.variant.blend_workgroup_size / p.variant.subgroup_size;
-    let grid = Grid::groups((plan.tile_count() * blocks_per_tile).div_ceil(subgroups_per_group));
+    let grid = Grid::groups((plan.tile_count() * p.variant.blocks_per_tile()).div_ceil(subgroups_per_group));
     recorder.dispatch(&p.tile_blend, grid, &params, bindings)
 }
 

@@ -138,11 +138,6 @@ pub struct BackwardBuffers {
     pub pose_sums: Buffer<types::PoseGradient>,
 }
 
-/// Number of 8x8 blocks of pixels in a tile.
-pub fn blocks_per_tile(tile_size: u32) -> u32 {
-    (tile_size / 8) * (tile_size / 8)
-}
-
 impl BackwardBuffers {
     /// Allocates the buffers of a plan.
     ///
@@ -153,7 +148,7 @@ impl BackwardBuffers {
         let values = CHANNELS as usize * pixels;
         // Threads past the last strip of the last work-group write nothing.
         let strips = column_strips(plan.size_px) as usize;
-        let moments = plan.capacities.intersections as usize * blocks_per_tile(variant.tile_size) as usize;
+        let moments = plan.capacities.intersections as usize * variant.blocks_per_tile() as usize;
         let subgroups = if plan.poses { plan.slots / variant.subgroup_size } else { 1 };
         let colored = if plan.color_matrices { plan.slots } else { 1 };
         Ok(Self {

@@ -1,8 +1,11 @@
 //! Records the three passes of a device-wide exclusive scan.
 
-use crate::gpu::interface::constants::{COUNTER_COUNT, FAMILY_COUNT};
+use std::sync::Arc;
+
+use crate::gpu::interface::constants::{ARGS_BLOCKS, ARGS_PER_COUNT, BLOCK_SIZE, COUNTER_COUNT, FAMILY_COUNT};
 use crate::gpu::interface::types;
-use crate::gpu::{Buffer, GpuError, Grid, Recorder};
+use crate::gpu::staging::upload;
+use crate::gpu::{Buffer, Gpu, GpuError, Grid, Recorder};
 use crate::kernels::pipelines::ScanPipelines;
 use crate::kernels::{scan_downsweep, scan_reduce, scan_spine};
 
@@ -14,6 +17,27 @@ pub struct ScanScratch {
     pub counters: Buffer<u32>,
     /// Indirect arguments, `FAMILY_*` times `ARGS_PER_COUNT`.
     pub args: Buffer<types::DispatchArgs>,
+}
+
+impl ScanScratch {
+    /// Scratch for lists of `count` elements outside any frame: counter `count_slot` is `count`, the others are zero, and of
+    /// the arguments only `ARGS_BLOCKS` of `family` is set.
+    ///
+    /// # Errors
+    /// As [`Buffer::new`].
+    pub fn for_list(gpu: &Arc<Gpu>, count_slot: u32, family: u32, count: u32) -> Result<Self, GpuError> {
+        let mut counters = [0; COUNTER_COUNT as usize];
+        counters[count_slot as usize] = count;
+        let blocks = count.div_ceil(BLOCK_SIZE);
+        let Grid { x, y } = Grid::groups(blocks);
+        let mut args = vec![types::DispatchArgs::default(); (FAMILY_COUNT * ARGS_PER_COUNT) as usize];
+        args[(family * ARGS_PER_COUNT + ARGS_BLOCKS) as usize] = types::DispatchArgs { x, y, z: 1 };
+        Ok(Self {
+            block_sums: Buffer::new(gpu, "block_sums", blocks as usize)?,
+            counters: upload(gpu, "counters", &counters)?,
+            args: upload(gpu, "args", &args)?,
+        })
+    }
 }
 
 /// Source of the number of work-groups of a scan.

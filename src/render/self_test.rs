@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::*;
-use crate::gpu::interface::types::DispatchArgs;
 use crate::gpu::staging::{download, upload, write};
 use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::{Primitives, Variant};
@@ -45,23 +44,9 @@ pub fn self_test(gpu: &Arc<Gpu>, primitives: &Primitives, variant: &Variant) -> 
     })
 }
 
-/// Counters and arguments for `n` numbers, outside any frame.
-fn scratch_for(gpu: &Arc<Gpu>, n: u32) -> Result<ScanScratch, GpuError> {
-    let blocks = n.div_ceil(BLOCK_SIZE);
-    let mut counters = vec![0; COUNTER_COUNT as usize];
-    counters[COUNTER_VISIBLE as usize] = n;
-    let mut args = vec![DispatchArgs::default(); (FAMILY_COUNT * ARGS_PER_COUNT) as usize];
-    args[(FAMILY_VISIBLE * ARGS_PER_COUNT + ARGS_BLOCKS) as usize] = DispatchArgs { x: blocks, y: 1, z: 1 };
-    Ok(ScanScratch {
-        block_sums: Buffer::new(gpu, "block_sums", blocks as usize)?,
-        counters: upload(gpu, "counters", &counters)?,
-        args: upload(gpu, "args", &args)?,
-    })
-}
-
 /// The sums of all numbers before each.
 fn scan_on_device(gpu: &Arc<Gpu>, primitives: &Primitives, values: &[u32]) -> Result<Vec<u32>, GpuError> {
-    let mut scratch = scratch_for(gpu, values.len() as u32)?;
+    let mut scratch = ScanScratch::for_list(gpu, COUNTER_VISIBLE, FAMILY_VISIBLE, values.len() as u32)?;
     let (values, mut sums) = (upload(gpu, "values", values)?, Buffer::new(gpu, "sums", values.len())?);
     let mut recorder = Recorder::new(gpu)?;
     let blocks = Blocks::Indirect(FAMILY_VISIBLE * ARGS_PER_COUNT + ARGS_BLOCKS);
@@ -81,7 +66,7 @@ pub fn sort_on_device(
     passes: u32,
 ) -> Result<(Vec<u32>, Vec<u32>), GpuError> {
     let n = keys.len() as u32;
-    let mut scratch = scratch_for(gpu, n)?;
+    let mut scratch = ScanScratch::for_list(gpu, COUNTER_VISIBLE, FAMILY_VISIBLE, n)?;
     let mut buffers = SortBuffers::new(gpu, "sort", keys.len())?;
     write(gpu, &mut buffers.keys, keys)?;
     write(gpu, &mut buffers.values, values)?;

@@ -14,7 +14,7 @@ use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::forward::{ForwardInputs, record_begin, record_slab, record_visibility, write_counters};
 use super::frame_buffers::FrameBuffers;
-use super::gradients::{BackwardBuffers, GradientBuffers, SourceTables, StepLog, blocks_per_tile};
+use super::gradients::{BackwardBuffers, GradientBuffers, SourceTables, StepLog};
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::render_options::{RenderOptions, view_of};
 use super::renderer::{check_fits, max_slab_splats, tile_size_for};
@@ -106,7 +106,7 @@ impl TrainFrame {
         // preprocess_instance_expand_backward takes one loop iteration per 8x8 block of all tiles of a splat.
         let most = self.gpu.caps().loop_iteration_limit.map_or(u64::MAX, |most| u64::from(most - most / 16));
         let tiles = largest_px.map(|side| u64::from(side.div_ceil(variant.tile_size)));
-        let blocks = tiles[0] * tiles[1] * u64::from(blocks_per_tile(variant.tile_size));
+        let blocks = tiles[0] * tiles[1] * u64::from(variant.blocks_per_tile());
         if blocks > most {
             return Err(RenderError::TooMany { what: "8x8 blocks of a training picture", needed: blocks, limit: most });
         }
@@ -218,7 +218,7 @@ impl TrainFrame {
         if record.overflowed == 0 {
             return Ok(false);
         }
-        let tile_blocks = blocks_per_tile(self.tile_size());
+        let tile_blocks = self.compiled_variant().blocks_per_tile();
         let bytes_each = u64::from(tile_blocks) * size_of::<types::SplatMoments>() as u64;
         let most = (self.gpu.caps().max_storage_bytes / bytes_each).min(u64::from(u32::MAX)) as u32;
         check_fits("(splat, tile) pairs of a training view", record.intersections, most)?;
@@ -242,13 +242,14 @@ impl TrainFrame {
         self.intersections
     }
 
-    fn tile_size(&self) -> u32 {
-        self.pipelines.as_ref().map_or(self.variant.tile_size, |(forward, _)| forward.variant.tile_size)
+    /// The variant of the pipelines, whose tiles may be larger for the sake of large pictures.
+    fn compiled_variant(&self) -> &Variant {
+        self.pipelines.as_ref().map_or(&self.variant, |(forward, _)| &forward.variant)
     }
 
     /// The inputs and buffers of the passes, with the plan set to the size of the view.
     fn parts<'a>(&'a mut self, scene: &'a DeviceScene, view: &TrainView<'_>) -> Parts<'a> {
-        let tile_size = self.tile_size();
+        let tile_size = self.compiled_variant().tile_size;
         let max_slab_splats = max_slab_splats(&self.gpu, &self.variant);
         let (Some((pipelines, backward)), Some((frame, buffers))) = (&self.pipelines, &mut self.buffers) else {
             unreachable!("prepare runs before every recording")

@@ -72,14 +72,19 @@ fn code_unit(driver: &str) -> u64 {
     if driver.to_lowercase().contains("turnip") { 4 } else { 1 }
 }
 
+/// The figure that a driver's name stands for.
+fn figure_of(name: &str) -> Option<Figure> {
+    let name = name.to_lowercase();
+    NAMES.iter().find(|(_, names)| names.contains(&name.as_str())).map(|(figure, _)| *figure)
+}
+
 /// Figures of one piece of machine code, whose length is in units of `code_unit` bytes.
 fn figures(executable: &Executable, code_unit: u64) -> Figures {
     let mut out = Figures::new();
     for (name, value) in &executable.statistics {
-        let name = name.to_lowercase();
-        if let Some((figure, _)) = NAMES.iter().find(|(_, names)| names.contains(&name.as_str())) {
-            let unit = if *figure == Figure::CodeBytes { code_unit } else { 1 };
-            *out.entry(*figure).or_default() += *value as u64 * unit;
+        if let Some(figure) = figure_of(name) {
+            let unit = if figure == Figure::CodeBytes { code_unit } else { 1 };
+            *out.entry(figure).or_default() += *value as u64 * unit;
         }
     }
     out
@@ -89,8 +94,7 @@ fn figures(executable: &Executable, code_unit: u64) -> Figures {
 fn unknown(executables: &[Executable]) -> BTreeMap<String, f64> {
     let mut out = BTreeMap::new();
     for (name, value) in executables.iter().flat_map(|piece| &piece.statistics) {
-        let is_known = NAMES.iter().any(|(_, names)| names.contains(&name.to_lowercase().as_str()));
-        if !is_known {
+        if figure_of(name).is_none() {
             let largest: &mut f64 = out.entry(name.clone()).or_insert(*value);
             *largest = largest.max(*value);
         }

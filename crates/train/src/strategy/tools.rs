@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use crate::device_state::DeviceState;
 use instgs_vk::gpu::interface::constants::*;
-use instgs_vk::gpu::interface::types::DispatchArgs;
-use instgs_vk::gpu::staging::{download, upload};
+use instgs_vk::gpu::staging::download;
 use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
 use instgs_vk::render::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
@@ -81,20 +80,7 @@ impl Tools {
 
     /// Scan scratch for lists of `count` elements: the counter `COUNTER_GAUSSIANS` is `count`, the others are zero.
     pub(super) fn scratch(&self, count: u32) -> Result<ScanScratch, GpuError> {
-        let mut counters = [0; COUNTER_COUNT as usize];
-        counters[COUNTER_GAUSSIANS as usize] = count;
-        let blocks = count.div_ceil(BLOCK_SIZE);
-        let grid = |groups: u32| {
-            let Grid { x, y } = Grid::groups(groups);
-            DispatchArgs { x, y, z: 1 }
-        };
-        let mut args = vec![DispatchArgs::default(); (FAMILY_COUNT * ARGS_PER_COUNT) as usize];
-        args[sort_args(ARGS_BLOCKS)] = grid(blocks);
-        Ok(ScanScratch {
-            block_sums: Buffer::new(&self.gpu, "block_sums", blocks as usize)?,
-            counters: upload(&self.gpu, "counters", &counters)?,
-            args: upload(&self.gpu, "args", &args)?,
-        })
+        ScanScratch::for_list(&self.gpu, COUNTER_GAUSSIANS, FAMILY_VISIBLE, count)
     }
 
     /// Records a sort of `COUNTER_GAUSSIANS` pairs by whole keys. The tables must live until it has finished.
@@ -173,9 +159,4 @@ impl Tools {
     pub(super) fn counters(&self, scratch: &ScanScratch) -> Result<Vec<u32>, GpuError> {
         download(&self.gpu, &scratch.counters, COUNTER_COUNT as usize)
     }
-}
-
-/// Offset of the indirect arguments of a sort.
-fn sort_args(kind: u32) -> usize {
-    (FAMILY_VISIBLE * ARGS_PER_COUNT + kind) as usize
 }
