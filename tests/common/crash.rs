@@ -62,8 +62,3 @@ pub(crate) fn temporaries(folder: &Path) -> Vec<PathBuf> {
     }
     found
 }
-
-/// Waits until the temporary files of processes that were killed count as theirs: for a second they may be new.
-pub(crate) fn let_temporaries_age() {
-    std::thread::sleep(Duration::from_millis(1100));
-}

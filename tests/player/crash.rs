@@ -6,7 +6,7 @@ use instgs_io::load_scene;
 use instgs_vk::math::rng::Rng;
 
 use crate::common::chairs::chairs;
-use crate::common::crash::{End, kill_within, let_temporaries_age, rounds, run_whole, temporaries};
+use crate::common::crash::{End, kill_within, rounds, run_whole, temporaries};
 use crate::common::program::built;
 use crate::scripts::{chair_px, open_display};
 
@@ -41,7 +41,6 @@ fn a_killed_player_leaves_a_whole_scene() {
     }
     println!("the player was killed {killed} times; found {seen:?}");
     std::fs::write(&file, &old).unwrap();
-    let_temporaries_age();
     run_whole(&mut play());
     assert!(temporaries(folder.path()).is_empty(), "{:?}", temporaries(folder.path()));
     assert!(killed > 0);

@@ -10,7 +10,7 @@ use instgs_io::save_scene;
 use instgs_vk::math::rng::Rng;
 
 use crate::common::chairs::chairs;
-use crate::common::crash::{End, kill_within, let_temporaries_age, rounds, run_whole, temporaries};
+use crate::common::crash::{End, kill_within, rounds, run_whole, temporaries};
 use crate::common::program::{program, skips_gpu};
 use crate::disturbed::{instgs_vk, photos, training};
 
@@ -38,7 +38,6 @@ fn replaced_or_not(file: &Path, old: &[u8], replace: &dyn Fn() -> Command, rng: 
         killed += usize::from(end == End::Killed);
     }
     restore();
-    let_temporaries_age();
     run_whole(&mut replace());
     assert!(fs::read(file).unwrap() == new, "{}: other bytes after kills", file.display());
     let folder = file.parent().unwrap();
@@ -88,7 +87,6 @@ fn killed_run(at: &Path, times: usize, start: &dyn Fn(&str) -> Command, results:
             let [run, want] = ["run", "whole"].map(|folder| fs::read(at.join(folder).join(result)).unwrap());
             assert!(run == want, "{result} differs after kills");
         }
-        let_temporaries_age();
         run_whole(&mut start("run"));
         assert!(temporaries(&at.join("run")).is_empty(), "{:?}", temporaries(&at.join("run")));
         fs::remove_dir_all(at.join("run")).unwrap();

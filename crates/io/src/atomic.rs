@@ -1,18 +1,17 @@
 //! Files that are written as a whole or not at all.
 
 use std::collections::BTreeSet;
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
+
+use tempfile::NamedTempFile;
 
 use crate::{IoError, read_bytes};
 
 /// Prefix of the names of [`atomic_write`]'s temporary files; a killed process may leave one behind.
 pub const TEMPORARY_PREFIX: &str = ".instgs-";
-/// A temporary file that is younger may not have been locked yet.
-const LOCKED_AFTER: Duration = Duration::from_secs(1);
 
 /// Writes a file atomically, so that readers see either the old content or all of the new: into a temporary file in the
 /// same folder, which is then renamed. On failure the old file is unchanged and the temporary file is removed. The first file that
@@ -27,23 +26,40 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
         _ => Path::new("."),
     };
     sweep_once(folder);
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // The process's umask is applied, as for any new file; the crate's default is owner-only.
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.prefix(TEMPORARY_PREFIX).tempfile_in(folder).map_err(|e| fail(&e))?;
-    // The lock ends with the process. Where a file system has none, `sweep` gets none either and leaves the file. All that write
-    // into a folder must see each other's locks: not so on network file systems whose locks are local to a machine.
-    let _ = file.as_file().try_lock();
+    let mut file = locked_temporary(folder).map_err(|e| fail(&e))?;
     {
         let mut buffered = BufWriter::with_capacity(1 << 20, file.as_file_mut());
         write(&mut buffered).and_then(|()| buffered.flush()).map_err(|e| fail(&e))?;
     }
     file.persist(path).map_err(|e| fail(&e.error))?;
     Ok(())
+}
+
+/// A new temporary file, locked until the process ends. All that write into a folder must see each other's locks: not so on
+/// network file systems whose locks are local to a machine.
+fn locked_temporary(folder: &Path) -> std::io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(TEMPORARY_PREFIX);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // The process's umask is applied, as for any new file; the crate's default is owner-only.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    loop {
+        let file = builder.tempfile_in(folder)?;
+        let is_locked = match file.as_file().try_lock() {
+            Ok(()) => true,
+            // Another process sweeps the folder and has taken this file for one that was left behind.
+            Err(TryLockError::WouldBlock) => false,
+            // The file system has no locks, so `sweep` gets none either and leaves the file.
+            Err(TryLockError::Error(_)) => return Ok(file),
+        };
+        // Gone: swept before it was locked.
+        if is_locked && file.path().exists() {
+            return Ok(file);
+        }
+    }
 }
 
 /// Copies a file of moderate size, so that readers of the target see its old content or all of the new.
@@ -68,22 +84,19 @@ fn sweep_once(folder: &Path) {
 fn sweep(folder: &Path) {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let temporary = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(TEMPORARY_PREFIX));
-    for entry in temporary.filter(|entry| entry.metadata().is_ok_and(|data| data.is_file() && is_old(&data))) {
+    for entry in temporary.filter(|entry| entry.metadata().is_ok_and(|data| data.is_file())) {
         let path = entry.path();
-        if File::open(&path).is_ok_and(|file| file.try_lock().is_ok()) {
+        // The lock is held until the file is removed: see `locked_temporary`.
+        if let Ok(file) = File::open(&path)
+            && file.try_lock().is_ok()
+        {
             let _ = fs::remove_file(path);
         }
     }
 }
 
-fn is_old(data: &fs::Metadata) -> bool {
-    data.modified().is_ok_and(|then| then.elapsed().is_ok_and(|age| age >= LOCKED_AFTER))
-}
-
 #[cfg(test)]
 mod tests {
-    use std::time::SystemTime;
-
     use super::*;
 
     #[test]
@@ -101,22 +114,44 @@ mod tests {
         Ok(())
     }
 
-    /// Of a dead process, of one that still writes, of one that has just begun, and one that is another program's.
+    /// Of a dead process, of one that still writes, and one that is another program's.
     #[test]
     fn what_a_killed_process_left_is_removed() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let path = |name: &str| folder.path().join(name);
-        let long_ago = SystemTime::now() - Duration::from_secs(60);
-        let old = |name: &str| File::create(path(name)).and_then(|file| file.set_modified(long_ago).map(|()| file));
-        drop(old(".instgs-dead")?);
-        let held = old(".instgs-held")?;
+        fs::write(path(".instgs-dead"), "")?;
+        let held = File::create(path(".instgs-held"))?;
         held.try_lock()?;
-        fs::write(path(".instgs-new"), "")?;
-        drop(old(".other")?);
+        fs::write(path(".other"), "")?;
         atomic_write(&path("x.bin"), |w| w.write_all(b"x"))?;
         let mut left: Vec<_> = fs::read_dir(folder.path())?.flatten().map(|entry| entry.file_name()).collect();
         left.sort();
-        assert_eq!(left, [".instgs-held", ".instgs-new", ".other", "x.bin"]);
+        assert_eq!(left, [".instgs-held", ".other", "x.bin"]);
+        Ok(())
+    }
+
+    /// A file is swept before it is locked, or the other way round, never in between: none is lost.
+    #[test]
+    fn files_are_written_while_others_sweep() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let done = std::sync::atomic::AtomicBool::new(false);
+        let done = &done;
+        std::thread::scope(|scope| {
+            for _ in 0..2 {
+                scope.spawn(|| {
+                    while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                        sweep(folder.path());
+                    }
+                });
+            }
+            let written = (0..500).try_for_each(|k: u32| {
+                atomic_write(&folder.path().join("x.bin"), |out| out.write_all(&k.to_le_bytes()))
+            });
+            done.store(true, std::sync::atomic::Ordering::Relaxed);
+            written
+        })?;
+        assert_eq!(fs::read(folder.path().join("x.bin"))?, 499u32.to_le_bytes());
+        assert_eq!(fs::read_dir(folder.path())?.count(), 1);
         Ok(())
     }
 }

@@ -25,8 +25,8 @@ impl fmt::Display for Place {
             Self::File => Ok(()),
             Self::Byte(offset) => write!(f, ": byte {offset}"),
             Self::Line(line) => write!(f, ": line {line}"),
-            Self::Tensor(name) => write!(f, ": tensor {name}"),
-            Self::Field(name) => write!(f, ": {name}"),
+            Self::Tensor(name) => write!(f, ": tensor {}", visible(name)),
+            Self::Field(name) => write!(f, ": {}", visible(name)),
         }
     }
 }
@@ -79,6 +79,12 @@ impl IoError {
     }
 }
 
+/// Names come from files, and may hold line breaks.
+fn visible(name: &str) -> String {
+    let visible = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    name.chars().map(visible).collect()
+}
+
 /// Joins the lines of other crates' messages, since an error is one line.
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -93,5 +99,8 @@ mod tests {
         let e = IoError::new(Path::new("a/b.ply"), "ends\n early").at(Place::Byte(12)).advise("copy it again");
         assert_eq!(e.to_string(), "a/b.ply: byte 12: ends early; copy it again");
         assert_eq!(IoError::new(Path::new("x"), "y").to_string(), "x: y");
+        // Found by `tools/fuzz checkpoint`.
+        let e = IoError::new(Path::new("x"), "is missing").at(Place::Tensor("st\nms".into()));
+        assert_eq!(e.to_string(), "x: tensor st\\nms: is missing");
     }
 }
