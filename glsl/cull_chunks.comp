@@ -15,12 +15,15 @@
 //   flat order; instances without candidates share an offset with their successor and are never found. Candidates
 //   beyond the capacity are not tested, but `COUNTER_CANDIDATES_NEEDED` keeps their number and the host redoes the
 //   frame.
+// - LAYERED: chunks without a depth in the layer are culled, and in all layers but the first those of which every tile is
+//   closed. The tiles are those of a box around the ball; the bounds of depth are those of the ball.
 //
 // Twin: `instgs_reference::cull_chunks`, by brute force over pixels: the work list must contain all it finds and may contain
 // more. Tests: `tests/kernels/cull_chunks.rs`, `scale.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"
+#include "numbers.glsl"
 #include "scene.glsl"
 
 layout(scalar, binding = 0) readonly buffer Instances { Instance instances[]; };            // instances, background last
@@ -29,34 +32,54 @@ layout(scalar, binding = 2) readonly buffer CandidateOffsets { uint candidate_of
 layout(scalar, binding = 3) readonly buffer Counters { uint counters[]; };                  // COUNTER_*
 layout(scalar, binding = 4) writeonly buffer CandidateVisible { uint candidate_visible[]; };  // 1 if the candidate may be visible
 layout(scalar, binding = 5) writeonly buffer Candidates { WorkItem candidates[]; };         // instance and chunk of the candidate
+layout(scalar, binding = 6) readonly buffer ClosedRuns { uint closed_runs[]; };             // LAYERED: closed tiles to the right
 layout(scalar, push_constant) uniform CullChunksParams {
     View view;            // the camera
     uint instance_count;  // instances, background included
 };
 
-// The instance that owns candidate `c`: the last whose offset is <= c (those with zero chunks share offsets and are skipped).
-uint owner_of(uint c) {
-    uint low = 0;
-    uint high = instance_count;
-    while (high - low > 1) {
-        uint middle = (low + high) / 2;
-        bool left = candidate_offsets[middle] > c;
-        high = left ? middle : high;
-        low = left ? low : middle;
+#include "candidate.glsl"
+#include "splat.glsl"
+#include "layers.glsl"
+
+// True if every tile that splats of the ball may touch is closed. NaN hides nothing.
+bool hidden(Reach r) {
+    float z_near = max(r.center.z - r.radius, view.near);
+    float z_far = r.center.z + r.radius;
+    vec2 low = view.focal_px * (r.center.xy - r.radius) - r.reach;
+    vec2 high = view.focal_px * (r.center.xy + r.radius) + r.reach;
+    low /= vec2(low.x < 0.0 ? z_near : z_far, low.y < 0.0 ? z_near : z_far);
+    high /= vec2(high.x < 0.0 ? z_far : z_near, high.y < 0.0 ? z_far : z_near);
+    low += view.principal_px - r.border;
+    high += view.principal_px + r.border;
+    if (!all(is_below(vec4(low, high), 1e30))) return false;
+    vec2 size = vec2(view.size_px);
+    uvec2 first = uvec2(clamp(low, vec2(0.0), size)) / TILE_SIZE;
+    uvec2 tiles = (view.size_px + TILE_SIZE - 1) / TILE_SIZE;
+    uvec2 end = min(uvec2(clamp(high, vec2(0.0), size)) / TILE_SIZE + 1, tiles);
+    for (uint row = first.y; row < end.y; ++row) {
+        if (first.x < end.x && closed_runs[row * tiles.x + first.x] < end.x - first.x) return false;
     }
-    return low;
+    return true;
+}
+
+// True if the ball has a depth of the layer. NaN is in every layer.
+bool reaches_layer(Reach r, uint layer) {
+    float far = r.center.z + r.radius;
+    float near = r.center.z - r.radius;
+    return !(far < uintBitsToFloat(counters[COUNTER_LAYER_BEGIN + layer])) && !(near >= uintBitsToFloat(counters[COUNTER_LAYER_BEGIN + layer + 1]));
 }
 
 void main() {
     uint c = thread_index();
     if (c >= counters[COUNTER_CANDIDATES]) return;
-    uint i = owner_of(c);
-    uint chunk_index = c - candidate_offsets[i];
-    Instance instance = instances[i];
-    Chunk chunk = chunks[instance.first_chunk + chunk_index];
-    float radius = chunk.radius + instance.max_offset;
-    float sigma = chunk.sigma_max * instance.sigma_growth;
-    bool culled = outside_view(view, instance.world_from_template, instance.scale, chunk.center, radius, sigma);
+    WorkItem candidate = candidate_at(c);
+    Reach reach = reach_of(candidate);
+    bool culled = outside_view(view, reach);
+    if (LAYERED != 0 && !culled) {
+        uint layer = counters[COUNTER_LAYER];
+        culled = !reaches_layer(reach, layer) || (layer > 0 && hidden(reach));
+    }
     candidate_visible[c] = culled ? 0 : 1;
-    candidates[c] = WorkItem(i, chunk_index);
+    candidates[c] = candidate;
 }

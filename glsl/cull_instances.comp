@@ -45,7 +45,8 @@ void main() {
     Instance instance = instances[i];
     float radius = instance.bound_radius + instance.max_offset;
     float sigma = instance.sigma_max * instance.sigma_growth;
-    bool culled = outside_view(view, instance.world_from_template, instance.scale, instance.bound_center, radius, sigma);
+    Reach reach = reach_of_ball(view, instance.world_from_template, instance.scale, instance.bound_center, radius, sigma);
+    bool culled = outside_view(view, reach);
     if (LEVELS != 0) culled = culled || level_weight(view, instance, lod_error_px) <= 0.0;
     instance_chunks[i] = culled ? 0 : divide_up(instance.source_count, WORKGROUP_SIZE);
 }

@@ -15,6 +15,8 @@
 // - A tile row takes the columns whose rectangle of pixel centres meets the ellipse alpha >= 1/255: tighter than the
 //   bounding box, and never short of a pixel that the splat reaches.
 //
+// - LAYERED: only open tiles, as they were counted.
+//
 // Twin: `instgs_reference::emit_intersections`; which tiles a splat hits: `instgs_reference::preprocess_instance_expand::tiles_hit`.
 // Test: `tests/kernels/intersections.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -31,10 +33,13 @@ layout(scalar, binding = 5) writeonly buffer TileKeys { uint tile_keys[]; };    
 layout(scalar, binding = 6) writeonly buffer IsectValues { uint isect_values[]; };      // slot of the intersection; TRAINING: its emission index
 layout(scalar, binding = 7) writeonly buffer EmissionSlots { uint slot_from_emission[]; };  // TRAINING: slot of the intersection before the sort
 layout(scalar, binding = 8) writeonly buffer FirstEmissions { uint first_emission[]; };  // TRAINING: first emission index by slot
+layout(scalar, binding = 9) readonly buffer ClosedRuns { uint closed_runs[]; };          // LAYERED: closed tiles to the right
 layout(scalar, push_constant) uniform EmitParams {
     uvec2 tiles;    // tile columns and rows
     uint capacity;  // elements of tile_keys
 };
+
+layout(constant_id = 12) const uint LAYERED = 0;  // 1 = the frame is drawn in layers
 
 // 1 = the sort carries emission indices, so that the backward pass finds where each intersection adds to its splat.
 layout(constant_id = 3) const uint TRAINING = 0;
@@ -58,8 +63,17 @@ void main() {
     uvec2 rows = tile_rows(f, tiles.y);
     for (uint row = rows.x; row < rows.y; ++row) {
         uvec2 columns = tile_columns(f, row, tiles.x);
-        uint stop = min(next + max(columns.y, columns.x) - columns.x, end);
         uint key = row * tiles.x + columns.x;
+        if (LAYERED != 0) {
+            uint last = row * tiles.x + columns.y;
+            while (key < last && next < end) {
+                uint closed = closed_runs[key];
+                if (closed == 0) put(next++, key, slot);
+                key += max(closed, 1);
+            }
+            continue;
+        }
+        uint stop = min(next + max(columns.y, columns.x) - columns.x, end);
         for (; next < stop; ++next, ++key) put(next, key, slot);
     }
     // Count and emit agree bit for bit; if they ever differed, remaining pairs would get a tile outside the image.

@@ -11,6 +11,8 @@
 //
 // With COLOR_MATRICES the colour of an instance is `M rgb + b` of the template's, offsets included, before the clamp at 0.
 //
+// With LAYERED only splats of the layer survive, and of these only open tiles count (`layers.glsl`).
+//
 // Offsets of SH bands above 0 and of shape exist for ablations; kernels for scenes without them omit the code.
 //
 // - Reads `work_items` (by work item), `instances` (by instance), source arrays `means` .. `sh0` (by `first_source` +
@@ -64,11 +66,13 @@ layout(scalar, binding = 18) readonly buffer OffsetShRest { vec3 offset_sh_rest[
 layout(scalar, binding = 19) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };     // offsets of log standard deviations, if any
 layout(scalar, binding = 20) readonly buffer OffsetQuats { vec4 offset_quats[]; };              // offsets of quaternions, if any
 layout(scalar, binding = 21) readonly buffer ColorMatrices { vec4 color_from_template[]; };      // rows of (M | b) by instance, if any
+layout(scalar, binding = 22) readonly buffer ClosedRuns { uint closed_runs[]; };                // LAYERED: closed tiles to the right
 layout(scalar, push_constant) uniform ExpandParams {
     View view;             // the camera
     float lod_error_px;    // largest cell of a level of detail that is shown, pixels; 0 = everything at full detail
 };
 
+#include "layers.glsl"
 #include "shape.glsl"
 #include "look.glsl"
 #include "sh_bands.glsl"

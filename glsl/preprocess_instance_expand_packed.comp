@@ -42,11 +42,13 @@ layout(scalar, binding = 17) writeonly buffer Splats { Splat splats[]; };       
 layout(scalar, binding = 18) writeonly buffer Footprints { Footprint footprints[]; };          // extents of survivors
 layout(scalar, binding = 19) writeonly buffer TileCounts { uint tile_counts[]; };              // tiles per survivor
 layout(scalar, binding = 20) writeonly buffer SurvivorCounts { uint survivor_counts[]; };      // survivors per work item
+layout(scalar, binding = 21) readonly buffer ClosedRuns { uint closed_runs[]; };                // LAYERED: closed tiles to the right
 layout(scalar, push_constant) uniform ExpandParams {
     View view;             // the camera
     float lod_error_px;    // largest cell of a level of detail that is shown, pixels; 0 = everything at full detail
 };
 
+#include "layers.glsl"
 #include "packed_scene.glsl"
 #include "color_matrix.glsl"
 #include "expand.glsl"

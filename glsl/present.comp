@@ -150,14 +150,11 @@ vec3 sampled(vec2 position) {
     return mix(above, below, part.y);
 }
 
-bool is_complete() {
-    uvec2 needed = uvec2(counters[COUNTER_CANDIDATES_NEEDED], counters[COUNTER_WORK_ITEMS_NEEDED]);
-    return all(lessThanEqual(needed, capacities)) && counters[COUNTER_SLAB_END] >= counters[COUNTER_VISIBLE];
-}
+#include "complete.glsl"
 
 void main() {
     uint i = thread_index();
-    if (i >= shown_px.x * shown_px.y || !is_complete()) return;
+    if (i >= shown_px.x * shown_px.y || !is_complete(capacities)) return;
     uvec2 at = uvec2(i % shown_px.x, i / shown_px.x);
     vec3 value;
     if (SCALED != 0) value = sampled((vec2(at) + 0.5) * vec2(size_px) / vec2(shown_px));

@@ -78,8 +78,10 @@ void main() {
     uvec2 origin = block_origin(block, tiles.x);
     uvec2 corner = origin + lane_in_block();
     uvec2 range = tile_ranges[tile];
-    bool first_slab = counters[COUNTER_SLAB_BEGIN] == 0;
-    bool last_slab = counters[COUNTER_SLAB_END] == counters[COUNTER_VISIBLE];
+    bool first_slab = counters[COUNTER_SLAB_BEGIN] == 0 && counters[COUNTER_LAYER] == 0;
+    bool last_slab = counters[COUNTER_SLAB_END] == counters[COUNTER_VISIBLE] && counters[COUNTER_LAYER] == counters[COUNTER_LAST_LAYER];
+    // Nothing changes where nothing is blended.
+    if (range.x >= range.y && !first_slab && !last_slab) return;
 
     Pixel pixels[PIXELS_PER_LANE];
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {

@@ -86,6 +86,15 @@
 //! if splats are left, it submits them slab by slab and enlarges the intersection buffer for the next frame.
 //! `render/forward.rs` is this list in code.
 //!
+//! # Occlusion
+//!
+//! Off by default. With [`render::RenderOptions::occlusion`] a frame is drawn in a few depth layers, front to back. A histogram
+//! of the nearest depths of visible chunks gives their bounds: each layer has as many chunks as all before it (`layer_histogram`,
+//! `plan_layers`). For each layer everything from `cull_chunks` on is done; between two, `close_tiles` finds the tiles whose
+//! pixels have all ended, and chunks, splats and (tile, slot) pairs behind these are left out. The picture has the same bytes,
+//! since the state of a pixel between layers is exact, as between slabs. Frames in flight log what each layer needed
+//! (`next_layer`). Chunks that reach through several layers are expanded in each, so it costs where little is hidden.
+//!
 //! # Levels of detail
 //!
 //! Off by default; then nothing of the above changes. With [`render::RenderOptions::lod_error_px`] above 0 a scene is
@@ -170,7 +179,7 @@
 //!
 //! - [`gpu::Gpu::from_raw`] takes instance, device and queue, and destroys none of them. The device needs Vulkan 1.3 with the
 //!   features of [`gpu::RawDevice::required_features`] (and subgroup vote, ballot and shuffle in compute), and no extension but
-//!   `VK_KHR_portability_subset` where it is offered. Drawing needs 22 storage buffers per stage, training 26; what lacks
+//!   `VK_KHR_portability_subset` where it is offered. Drawing needs 23 storage buffers per stage, training 26; what lacks
 //!   them fails when the first kernel that needs more is made, and names it.
 //! - The queue is shared: uploads, downloads and [`render::Renderer::render`] submit to it, each under the caller's
 //!   [`gpu::QueueLock`], or while the caller leaves the queue alone.

@@ -10,7 +10,12 @@ const uint COUNTER_CANDIDATES_NEEDED = 6;   // candidates before limiting to the
 const uint COUNTER_WORK_ITEMS_NEEDED = 7;   // work items before limiting to the capacity (saturating)
 const uint COUNTER_INTERSECTIONS = 8;       // pairs from the current slab's begin to the last splat (saturating)
 const uint COUNTER_INSTANCES = 9;           // instances of the scene, background included: set by the host
-const uint COUNTER_COUNT = 16;              // length of the counters buffer
+const uint COUNTER_LAYER = 10;              // depth layer that is drawn, 0 for the frontmost: set by the host
+const uint COUNTER_LAST_LAYER = 11;         // last depth layer of the frame, 0 for a frame in one piece: set by the host
+const uint COUNTER_LAYER_BEGIN = 12;        // bits of the depths at which the LAYERS layers begin, and of the end of the last
+const uint COUNTER_INCOMPLETE = 17;         // 1 = a layer before this one did not fit its buffers, in frames in flight
+const uint COUNTER_LAYER_LOG = 18;          // what each layer before this one needed, LAYER_LOG_LENGTH counts a layer
+const uint COUNTER_COUNT = 27;              // length of the counters buffer
 
 // Each count has a family of three argument sets.
 const uint ARGS_PER_COUNT = 3;   // argument sets of a family
@@ -28,6 +33,13 @@ const uint FAMILY_COUNT = 5;          // families of indirect arguments
 const uint RADIX_BITS = 8;        // bits per radix digit
 const uint RADIX_SIZE = 256;      // values of a radix digit
 const uint BLOCK_SIZE = 2048;     // elements that one work-group scans or sorts
+const uint LAYERS = 4;            // depth layers of a frame that leaves out what is hidden
+const uint LAYER_LOG_LENGTH = 3;  // counts that are kept of a layer
+const uint LAYER_LOG_WORK_ITEMS = 0;     // its COUNTER_WORK_ITEMS_NEEDED
+const uint LAYER_LOG_VISIBLE = 1;        // its COUNTER_VISIBLE
+const uint LAYER_LOG_INTERSECTIONS = 2;  // its COUNTER_INTERSECTIONS
+const uint LAYER_BIN_BITS = 1048576; // depths whose bits share a bin: an eighth of an octave of f32
+const uint LAYER_BINS = 2048;     // bins of depth for choosing the layers: all f32 that are not negative
 const uint NO_OFFSET = 0xFFFFFFFF; // Instance.first_offset of an instance without offsets
 const uint NO_COLOR = 0xFFFFFFFF;  // Instance.color of what no colour matrix changes
 

@@ -26,7 +26,7 @@ uint count_tiles(Footprint f) {
     uint count = 0;
     for (uint row = rows.x; row < rows.y; ++row) {
         uvec2 columns = tile_columns(f, row, tiles.x);
-        count += max(columns.y, columns.x) - columns.x;
+        count += LAYERED != 0 ? open_tiles(columns, row, tiles.x) : max(columns.y, columns.x) - columns.x;
     }
     return count;
 }
@@ -64,6 +64,7 @@ Projection project(vec3 mean_view, mat3 axes, float opacity) {
     // Products of two of these stay finite in f32.
     bool in_range = is_below(z, 1e15) && all(is_below(vec4(p.a.xy, xx, yy), 1e15)) && is_below(det, 1e30) && is_below(opacity, 2.0);
     p.visible = z > view.near && opacity >= 1.0 / 255.0 && det > 0.0 && in_range;
+    if (LAYERED != 0) p.visible = p.visible && in_layer(z, counters[COUNTER_LAYER]);
     p.tiles = p.visible ? count_tiles(p.footprint) : 0;
     p.visible = p.visible && p.tiles > 0;
     return p;

@@ -77,23 +77,39 @@ float rounding_of(vec4 rows[3], vec3 p) {
     return 2e-6 * (terms.x + terms.y + terms.z);
 }
 
-// True if no splat can touch the image whose mean lies within `radius` of `center` in the frame of `world_from_local` and
-// whose largest standard deviation is `sigma`; `scale` is that of the transform. A splat at view (x, y, z) reaches |du| <= EXTENT_SIGMAS sqrt((f/z)^2 (1 + lim^2) sigma^2 + dilation)
-// pixels, which is at most f L sigma k / z + k sqrt(dilation) with L = sqrt(1 + lim^2); "u + du >= 0" times z is linear
-// in x and z, so over a ball it is a half-space test. NaN never culls.
-bool outside_view(View view, vec4 world_from_local[3], float scale, vec3 center, float radius, float sigma) {
+// Where the splats of a ball of Gaussians may be, in the view's frame.
+struct Reach {
+    vec3 center;   // centre of the ball around their means
+    float radius;  // its radius, rounding included
+    vec2 reach;    // pixels times depth that the largest splat extends at most, dilation apart
+    float border;  // pixels that dilation adds to that, and one more
+};
+
+// The reach of Gaussians whose means lie within `radius` of `center` in the frame of `world_from_local` and whose largest
+// standard deviation is `sigma`; `scale` is that of the transform. A splat at view (x, y, z) reaches
+// |du| <= EXTENT_SIGMAS sqrt((f/z)^2 (1 + lim^2) sigma^2 + dilation) pixels, which is at most f L sigma k / z + k sqrt(dilation)
+// with L = sqrt(1 + lim^2).
+Reach reach_of_ball(View view, vec4 world_from_local[3], float scale, vec3 center, float radius, float sigma) {
     vec3 center_world = transform_point(world_from_local, center);
-    vec3 c = transform_point(view.view_from_world, center_world);
-    float r = scale * radius * LENGTH_SLACK * LENGTH_SLACK + rounding_of(world_from_local, center) +
-              rounding_of(view.view_from_world, center_world);
-    if (c.z + r < view.near) return true;
+    Reach r;
+    r.center = transform_point(view.view_from_world, center_world);
+    r.radius = scale * radius * LENGTH_SLACK * LENGTH_SLACK + rounding_of(world_from_local, center) +
+               rounding_of(view.view_from_world, center_world);
     vec2 limit = max(abs(limit_min(view)), abs(limit_max(view)));
     float sigma_view = scale * sigma * LENGTH_SLACK * LENGTH_SLACK;
-    vec2 reach = EXTENT_SIGMAS * sigma_view * view.focal_px * sqrt(1.0 + limit * limit);
-    float border = EXTENT_SIGMAS * sqrt(view.dilation_px2) + 1.0;
-    vec2 low = view.principal_px + border;                        // u >= -border
-    vec2 high = vec2(view.size_px) - view.principal_px + border;  // u <= width + border
-    vec2 distance_low = view.focal_px * c.xy + low * c.z + r * sqrt(view.focal_px * view.focal_px + low * low) + reach;
-    vec2 distance_high = -view.focal_px * c.xy + high * c.z + r * sqrt(view.focal_px * view.focal_px + high * high) + reach;
+    r.reach = EXTENT_SIGMAS * sigma_view * view.focal_px * sqrt(1.0 + limit * limit);
+    r.border = EXTENT_SIGMAS * sqrt(view.dilation_px2) + 1.0;
+    return r;
+}
+
+// True if no splat of the ball can touch the image: "u + du >= 0" times z is linear in x and z, so over a ball it is a
+// half-space test. NaN never culls.
+bool outside_view(View view, Reach r) {
+    vec3 c = r.center;
+    if (c.z + r.radius < view.near) return true;
+    vec2 low = view.principal_px + r.border;                        // u >= -border
+    vec2 high = vec2(view.size_px) - view.principal_px + r.border;  // u <= width + border
+    vec2 distance_low = view.focal_px * c.xy + low * c.z + r.radius * sqrt(view.focal_px * view.focal_px + low * low) + r.reach;
+    vec2 distance_high = -view.focal_px * c.xy + high * c.z + r.radius * sqrt(view.focal_px * view.focal_px + high * high) + r.reach;
     return distance_low.x < 0.0 || distance_low.y < 0.0 || distance_high.x < 0.0 || distance_high.y < 0.0;
 }

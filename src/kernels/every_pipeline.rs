@@ -19,17 +19,20 @@ pub fn compile_every_pipeline(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Va
     Primitives::new(gpu, cache, &variant)?;
     // Levels are drawn and never trained; only training lets instances get Gaussians of their own.
     for traits in [SceneTraits::plain(0), plain, SceneTraits { own_may_grow: false, ..full }] {
-        Pipelines::new(gpu, cache, variant, traits, false)?;
+        Pipelines::new(gpu, cache, variant, traits, Purpose::Whole)?;
     }
+    Pipelines::new(gpu, cache, variant, SceneTraits { own_may_grow: false, ..full }, Purpose::Layered)?;
     for precision in [DevicePrecision::F16, DevicePrecision::Q8] {
         let traits = SceneTraits { own_may_grow: false, precision, ..full };
-        Pipelines::new(gpu, cache, variant, traits, false)?;
+        for purpose in [Purpose::Whole, Purpose::Layered] {
+            Pipelines::new(gpu, cache, variant, traits, purpose)?;
+        }
     }
     for (traits, poses) in [(SceneTraits::plain(0), false), (plain, false), (full, true)] {
         let traits = SceneTraits { levels: false, ..traits };
         // As `Variant::for_training`.
         let variant = Variant { tile_size: BLOCK_SIDE, ..variant };
-        Pipelines::new(gpu, cache, variant, traits, true)?;
+        Pipelines::new(gpu, cache, variant, traits, Purpose::Training)?;
         BackwardPipelines::new(gpu, cache, variant, traits, poses)?;
     }
     DensifyPipelines::new(gpu, cache, &variant, SH_DEGREE)?;

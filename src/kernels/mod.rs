@@ -12,7 +12,7 @@ pub use crate::gpu::interface::shaders::*;
 pub use every_pipeline::compile_every_pipeline;
 pub use pipelines::{
     BackwardPipelines, DensifyPipelines, ExposurePipelines, MarkPipelines, McmcStepPipelines, Pipelines,
-    PresentPipelines, PresentVariant, Primitives, SegmentPipelines, SurfacePipelines,
+    PresentPipelines, PresentVariant, Primitives, Purpose, SegmentPipelines, SurfacePipelines,
 };
 pub use scene_traits::SceneTraits;
 pub use variant::{Variant, open_tuned};

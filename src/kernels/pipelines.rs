@@ -16,7 +16,7 @@ use crate::scene::DevicePrecision;
 pub struct Pipelines {
     pub variant: Variant,
     pub traits: SceneTraits,
-    pub training: bool,
+    pub purpose: Purpose,
     pub cull_instances: Pipeline<cull_instances::CullInstances>,
     pub cull_chunks: Pipeline<cull_chunks::CullChunks>,
     pub emit_work_items: Pipeline<emit_work_items::EmitWorkItems>,
@@ -26,6 +26,28 @@ pub struct Pipelines {
     pub emit_intersections: Pipeline<emit_intersections::EmitIntersections>,
     pub tile_ranges: Pipeline<tile_ranges::TileRanges>,
     pub tile_blend: Pipeline<tile_blend::TileBlend>,
+    /// For frames in depth layers.
+    pub layers: Option<LayerPipelines>,
+}
+
+/// What the forward kernels are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Pictures whose splats are all expanded before the first is blended.
+    Whole,
+    /// Pictures in depth layers, which leave out what is hidden.
+    Layered,
+    /// Training: they keep what the backward pass needs.
+    Training,
+}
+
+/// The kernels that frames in depth layers have besides.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct LayerPipelines {
+    pub layer_histogram: Pipeline<layer_histogram::LayerHistogram>,
+    pub plan_layers: Pipeline<plan_layers::PlanLayers>,
+    pub close_tiles: Pipeline<close_tiles::CloseTiles>,
+    pub next_layer: Pipeline<next_layer::NextLayer>,
 }
 
 /// The kernel that expands instances, for scenes as they are or packed.
@@ -217,27 +239,28 @@ impl SortPipelines {
 }
 
 impl Pipelines {
-    /// Compiles all forward kernels; with `training` they keep what the backward pass needs.
+    /// Compiles all forward kernels for a purpose.
     pub fn new(
         gpu: &Arc<Gpu>,
         cache: &PipelineCache,
         variant: Variant,
         traits: SceneTraits,
-        training: bool,
+        purpose: Purpose,
     ) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.workgroup_size;
         let tile = ("TILE_SIZE", variant.tile_size);
         let levels = ("LEVELS", u32::from(traits.levels));
         let colors = traits.color_matrices_constant();
-        let training_constant = ("TRAINING", u32::from(training));
-        let mut expand = [&[tile, levels, colors][..], &traits.constants()].concat();
+        let training = ("TRAINING", u32::from(purpose == Purpose::Training));
+        let layered = ("LAYERED", u32::from(purpose == Purpose::Layered));
+        let mut expand = [&[tile, levels, layered, colors][..], &traits.constants()].concat();
         Ok(Self {
             variant,
             traits,
-            training,
+            purpose,
             cull_instances: compiler.compile(size, &[levels])?,
-            cull_chunks: compiler.compile(size, &[])?,
+            cull_chunks: compiler.compile(size, &[tile, layered])?,
             emit_work_items: compiler.compile(size, &[])?,
             expand: match traits.precision {
                 DevicePrecision::F32 => ExpandPipeline::Full(compiler.compile(size, &expand)?),
@@ -248,18 +271,27 @@ impl Pipelines {
             },
             compact_visible: compiler.compile(size, &[])?,
             plan_slab: compiler.compile(size, &[])?,
-            emit_intersections: compiler.compile(size, &[tile, training_constant])?,
+            emit_intersections: compiler.compile(size, &[tile, training, layered])?,
             tile_ranges: compiler.compile(size, &[])?,
             tile_blend: compiler.compile(
                 variant.blend_workgroup_size,
                 &[
                     tile,
                     columns_per_lane(&variant),
-                    training_constant,
+                    training,
                     stage_splats(&variant),
                     ("SPLATS_UNROLLED", variant.splats_unrolled),
                 ],
             )?,
+            layers: match purpose {
+                Purpose::Layered => Some(LayerPipelines {
+                    layer_histogram: compiler.compile(size, &[])?,
+                    plan_layers: compiler.compile(size, &[])?,
+                    close_tiles: compiler.compile(size, &[tile])?,
+                    next_layer: compiler.compile(size, &[])?,
+                }),
+                Purpose::Whole | Purpose::Training => None,
+            },
         })
     }
 }

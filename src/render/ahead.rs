@@ -17,9 +17,10 @@ use super::error::RenderError;
 use super::extra_passes::ExtraPasses;
 use super::frame_slot::FrameSlot;
 use super::frame_stats::FrameStats;
+use super::layers::LayerNeeds;
 use super::plan::Capacities;
 use super::render_options::RenderOptions;
-use super::renderer::{Counters, Renderer};
+use super::renderer::{Counters, Renderer, purpose_of};
 
 /// Largest number of frames in flight: one that the device draws and one that the host prepares. More would only add
 /// latency.
@@ -78,15 +79,19 @@ pub(super) fn arrived_of(counters: &Counters, capacities: Capacities) -> Arrived
     let count = |slot: u32| u64::from(counters[slot as usize]);
     let complete = count(COUNTER_CANDIDATES_NEEDED) <= u64::from(capacities.candidates)
         && count(COUNTER_WORK_ITEMS_NEEDED) <= u64::from(capacities.work_items)
-        && count(COUNTER_SLAB_END) >= count(COUNTER_VISIBLE);
+        && count(COUNTER_SLAB_END) >= count(COUNTER_VISIBLE)
+        && count(COUNTER_INCOMPLETE) == 0;
     if !complete {
         return Arrived::Incomplete;
     }
+    let layers = LayerNeeds::of_frame(counters);
+    let sum = |of: fn(&LayerNeeds) -> u32| layers.iter().map(|layer| u64::from(of(layer))).sum();
     Arrived::Complete(FrameStats {
-        work_items: count(COUNTER_WORK_ITEMS),
-        visible: count(COUNTER_VISIBLE),
-        intersections: count(COUNTER_SLAB_INTERSECTIONS),
-        slabs: 1,
+        work_items: sum(|layer| layer.work_items),
+        visible: sum(|layer| layer.visible),
+        intersections: sum(|layer| layer.intersections),
+        slabs: layers.len() as u32,
+        layers: layers.len() as u32,
         redone: 0,
         passes_ms: Vec::new(),
     })
@@ -110,7 +115,8 @@ impl Renderer {
         extra: ExtraPasses<'_>,
     ) -> Result<(), RenderError> {
         assert!(!ahead.is_full(), "a picture arrives before the next is submitted");
-        self.prepare(scene, camera, options)?;
+        let purpose = purpose_of(&extra, options);
+        self.prepare(purpose, scene, camera, options)?;
         let Some(mut slot) = ahead.free.pop() else { return Ok(()) };
         match self.submit_slot(&mut slot, scene, camera, options, extra) {
             Ok((ticket, capacities)) => ahead.pending.push_back((slot, ticket, capacities)),
@@ -131,8 +137,9 @@ impl Renderer {
         options: &RenderOptions,
         mut extra: ExtraPasses<'_>,
     ) -> Result<(Ticket, Capacities), RenderError> {
+        let purpose = purpose_of(&extra, options);
         self.prepare_extra(&mut extra)?;
-        let (inputs, frame) = self.passes(scene, camera, options);
+        let (inputs, frame) = self.passes(purpose, scene, camera, options);
         let capacities = slot.record(&inputs, frame, &mut extra)?;
         let ticket = slot.recorder.submit()?;
         scene.changes_submitted();

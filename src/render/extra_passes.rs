@@ -26,6 +26,11 @@ pub struct ExtraPasses<'a> {
 }
 
 impl ExtraPasses<'_> {
+    /// True if there are none.
+    pub(super) fn is_empty(&self) -> bool {
+        self.surfaces.is_none() && self.marks.is_none()
+    }
+
     /// Recreates pipelines and buffers that do not fit the picture.
     pub(super) fn prepare(
         &mut self,

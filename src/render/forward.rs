@@ -8,6 +8,7 @@ use crate::kernels::*;
 
 use super::device_scene::DeviceScene;
 use super::frame_buffers::FrameBuffers;
+use super::layers::record_layer_plan;
 use super::plan::radix_passes;
 use super::scan::{Blocks, ScanInput, plain, record_scan};
 use super::sort::{Sort, record_sort};
@@ -30,7 +31,7 @@ pub struct ForwardInputs<'a> {
     pub max_slab_splats: u32,
 }
 
-const fn args(family: u32, kind: u32) -> usize {
+pub(super) const fn args(family: u32, kind: u32) -> usize {
     (family * ARGS_PER_COUNT + kind) as usize
 }
 
@@ -50,23 +51,36 @@ pub fn record_end(recorder: &mut Recorder, frame: &mut FrameBuffers) -> Result<(
     recorder.copy(&frame.scratch.counters, &mut frame.counters_end, bytes)
 }
 
-/// Records the passes from instances to chunks, splats and their order by depth. Rows of the instance table that an
-/// edit changed are written first.
+/// Records the passes from instances to chunks, splats and their order by depth: of the whole frame, or of its first depth
+/// layer. Rows of the instance table that an edit changed are written first.
 pub fn record_visibility(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
     inputs.scene.record_changes(recorder)?;
-    record_culling(recorder, inputs, frame)?;
+    record_instances(recorder, inputs, frame)?;
+    if let Some(layers) = &inputs.pipelines.layers {
+        record_layer_plan(recorder, layers, inputs, frame)?;
+    }
+    record_layer(recorder, inputs, frame)
+}
+
+/// The passes of [`record_visibility`] that each depth layer has for itself.
+pub(super) fn record_layer(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
+    record_chunks(recorder, inputs, frame)?;
     record_expansion(recorder, inputs, frame)?;
     let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes: radix_passes(u32::MAX) };
     let tables = &mut frame.digit_tables;
     record_sort(recorder, inputs.primitives, &mut frame.scratch, tables, sort, &mut frame.depth_sort)
 }
 
-/// Two levels of culling, each followed by an ordered compaction.
-fn record_culling(
+/// The first level of culling, and the ordered compaction that follows.
+fn record_instances(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
     frame: &mut FrameBuffers,
@@ -95,8 +109,17 @@ fn record_culling(
         scan,
         input,
         &mut frame.candidate_offsets,
-    )?;
+    )
+}
 
+/// The second level, with its compaction.
+fn record_chunks(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
+    let (p, scene, view) = (inputs.pipelines, inputs.scene, inputs.view);
+    let (instance_count, capacities) = (scene.instance_count, frame.plan.capacities);
     let bindings = cull_chunks::Bindings {
         instances: &scene.instances,
         chunks: &scene.chunks,
@@ -104,6 +127,7 @@ fn record_culling(
         counters: &frame.scratch.counters,
         candidate_visible: &mut frame.candidate_visible,
         candidates: &mut frame.candidates,
+        closed_runs: &frame.closed_runs,
     };
     let per_candidate = args(FAMILY_CANDIDATES, ARGS_THREADS);
     recorder.dispatch_indirect(
@@ -207,6 +231,7 @@ fn record_full_expansion(
         footprints: &mut frame.footprints,
         tile_counts: &mut frame.tile_counts,
         survivor_counts: &mut frame.survivor_counts,
+        closed_runs: &frame.closed_runs,
     };
     let params = preprocess_instance_expand::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
@@ -246,6 +271,7 @@ fn record_packed_expansion(
         footprints: &mut frame.footprints,
         tile_counts: &mut frame.tile_counts,
         survivor_counts: &mut frame.survivor_counts,
+        closed_runs: &frame.closed_runs,
     };
     let params = preprocess_instance_expand_packed::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
@@ -296,6 +322,7 @@ pub(super) fn record_lists(
         isect_values: &mut frame.tile_sort.values,
         slot_from_emission: &mut frame.slot_from_emission,
         first_emission: &mut frame.first_emission,
+        closed_runs: &frame.closed_runs,
     };
     let params = emit_intersections::Params { tiles: plan.tiles, capacity: plan.capacities.intersections };
     let per_splat = args(FAMILY_SLAB_SPLATS, ARGS_THREADS);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::gpu::interface::constants::{ARGS_PER_COUNT, COUNTER_COUNT, FAMILY_COUNT};
+use crate::gpu::interface::constants::{ARGS_PER_COUNT, COUNTER_COUNT, FAMILY_COUNT, LAYER_BINS};
 use crate::gpu::interface::types;
 use crate::gpu::{Buffer, Gpu, GpuError};
 
@@ -56,6 +56,10 @@ pub struct FrameBuffers {
     pub colors: Buffer<[f32; 4]>,
     /// Expected view depth and live transmittance, by pixel.
     pub depths: Buffer<[f32; 2]>,
+    /// For frames in depth layers: chunks by depth.
+    pub layer_bins: Buffer<u32>,
+    /// By tile: closed tiles from this one to the right.
+    pub closed_runs: Buffer<u32>,
     /// Scratch of scans and counters, shared by all passes.
     pub scratch: ScanScratch,
     /// Digit counts of both sorts.
@@ -97,6 +101,8 @@ impl FrameBuffers {
             tile_ranges: Buffer::new(gpu, "tile_ranges", plan.tile_count() as usize)?,
             colors: Buffer::new(gpu, "colors", plan.pixels() as usize)?,
             depths: Buffer::new(gpu, "depths", plan.pixels() as usize)?,
+            layer_bins: Buffer::new(gpu, "layer_bins", if plan.layered { LAYER_BINS as usize } else { 1 })?,
+            closed_runs: Buffer::new(gpu, "closed_runs", if plan.layered { plan.tile_count() as usize } else { 1 })?,
             scratch: ScanScratch {
                 block_sums: Buffer::new(gpu, "block_sums", plan.block_sums_len() as usize)?,
                 counters: Buffer::new(gpu, "counters", counters)?,

@@ -8,6 +8,7 @@ use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use super::extra_passes::ExtraPasses;
 use super::forward::{ForwardInputs, counters_of, record_slab, record_visibility, write_counters};
 use super::frame_buffers::FrameBuffers;
+use super::layers::{record_layer_log, record_next_layer};
 use super::plan::Capacities;
 use super::renderer::Counters;
 
@@ -28,7 +29,7 @@ impl FrameSlot {
         })
     }
 
-    /// Records a frame of one depth slab and the optional passes; returns the capacities of its buffers.
+    /// Records a frame of one depth slab, or one a layer, and the optional passes; returns the capacities of its buffers.
     pub(super) fn record(
         &mut self,
         inputs: &ForwardInputs<'_>,
@@ -37,11 +38,19 @@ impl FrameSlot {
     ) -> Result<Capacities, GpuError> {
         let mut counters = [0; COUNTER_COUNT as usize];
         counters[COUNTER_INSTANCES as usize] = inputs.scene.instance_count;
+        counters[COUNTER_LAST_LAYER as usize] = if inputs.pipelines.layers.is_some() { LAYERS - 1 } else { 0 };
         write_counters(&mut self.counters_start, &counters);
         let bytes = self.counters_start.bytes();
         self.recorder.copy(&self.counters_start, &mut frame.scratch.counters, bytes)?;
         record_visibility(&mut self.recorder, inputs, frame)?;
         record_slab(&mut self.recorder, inputs, frame)?;
+        if let Some(layers) = &inputs.pipelines.layers {
+            for _ in 1..LAYERS {
+                record_layer_log(&mut self.recorder, layers, frame)?;
+                record_next_layer(&mut self.recorder, layers, inputs, frame)?;
+                record_slab(&mut self.recorder, inputs, frame)?;
+            }
+        }
         extra.record(&mut self.recorder, inputs, frame)?;
         self.recorder.copy(&frame.scratch.counters, &mut self.counters_end, bytes)?;
         Ok(frame.plan.capacities)

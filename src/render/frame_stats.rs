@@ -11,8 +11,10 @@ pub struct FrameStats {
     pub visible: u64,
     /// (splat, tile) pairs of all slabs.
     pub intersections: u64,
-    /// Depth slabs that the frame took.
+    /// Depth slabs that the frame took, at least one a layer.
     pub slabs: u32,
+    /// Depth layers of the frame; 1 if it was drawn in one piece.
+    pub layers: u32,
     /// Number of restarts of the frame because a buffer was too small.
     pub redone: u32,
     /// (pass, milliseconds) in order; empty without profiling. Redone attempts are not included.
@@ -20,6 +22,11 @@ pub struct FrameStats {
 }
 
 impl FrameStats {
+    /// True if the frame is drawn by one submission: no layer took a second slab.
+    pub fn is_one_submission(&self) -> bool {
+        self.slabs == self.layers
+    }
+
     /// (pass, milliseconds): sums over the frame's dispatches of the same pass, in the order of the first of each.
     pub fn ms_by_pass(&self) -> Vec<(&'static str, f64)> {
         let mut sums: Vec<(&'static str, f64)> = Vec::new();

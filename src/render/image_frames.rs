@@ -19,7 +19,7 @@ use super::instance_table::RecordedChanges;
 use super::plan::Capacities;
 use super::presenter::{Presenter, ShownPicture};
 use super::render_options::RenderOptions;
-use super::renderer::Renderer;
+use super::renderer::{Renderer, purpose_of};
 use super::show::Show;
 
 /// Frames in flight to images of the caller's. Used with one [`Renderer`].
@@ -171,11 +171,12 @@ impl Renderer {
         if frames.free.is_empty() {
             return Err(RenderError::Busy { pending: frames.pending.len() });
         }
-        self.prepare(scene, camera, options)?;
+        let purpose = purpose_of(&ExtraPasses::default(), options);
+        self.prepare(purpose, scene, camera, options)?;
         let Some(mut slot) = frames.free.pop() else { return Err(RenderError::Busy { pending: 0 }) };
         // SAFETY: guaranteed by the caller.
         let recorded = unsafe { slot.recorder.begin_in(commands) }.map_err(RenderError::from).and_then(|()| {
-            let (inputs, frame) = self.passes(scene, camera, options);
+            let (inputs, frame) = self.passes(purpose, scene, camera, options);
             let have = slot.record(&inputs, frame, &mut ExtraPasses::default())?;
             let picture = ShownPicture { renderer: self, scene, surfaces: None, marks: None };
             let presenter = &mut frames.presenter;

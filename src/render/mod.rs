@@ -17,6 +17,7 @@ pub mod frame_stats;
 pub mod gradients;
 pub mod image_frames;
 mod instance_table;
+mod layers;
 mod level_tables;
 pub mod marks;
 pub mod packed_buffers;

@@ -32,6 +32,8 @@ pub struct FramePlan {
     pub slots: u32,
     /// True if the buffers that the backward pass reads are included.
     pub training: bool,
+    /// True if the buffers of depth layers are included.
+    pub layered: bool,
     /// True if the buffers of pose gradients are included.
     pub poses: bool,
     /// With those for gradients by colour matrices of instances.
@@ -46,8 +48,8 @@ impl FramePlan {
         let intersections = capacities.intersections.max(tiles[0] * tiles[1]);
         let capacities = Capacities { intersections, ..capacities };
         let slots = capacities.work_items * workgroup_size;
-        let (training, poses, color_matrices) = (false, false, false);
-        Self { size_px, tiles, instances, capacities, slots, training, poses, color_matrices }
+        let (training, layered, poses, color_matrices) = (false, false, false, false);
+        Self { size_px, tiles, instances, capacities, slots, training, layered, poses, color_matrices }
     }
 
     /// Number of pixels of the image.

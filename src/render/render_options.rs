@@ -23,6 +23,10 @@ pub struct RenderOptions {
     /// How the device holds scenes that are uploaded with these options
     /// ([`Renderer::upload_for`](super::Renderer::upload_for)).
     pub device_precision: DevicePrecision,
+    /// Draws in depth layers, front to back, and does not expand what lies behind tiles that are closed. The picture has the
+    /// same bytes; it takes less time and memory where the front of a scene hides much, and more where it hides little.
+    /// Pictures with other passes than the blend are drawn without.
+    pub occlusion: bool,
     /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = the device's limit.
     pub max_intersections: Option<u32>,
 }
@@ -37,6 +41,7 @@ impl Default for RenderOptions {
             background: [0.0; 3],
             lod_error_px: 0.0,
             device_precision: DevicePrecision::F32,
+            occlusion: false,
             max_intersections: None,
         }
     }

@@ -7,7 +7,7 @@ use crate::gpu::interface::types;
 use crate::gpu::staging::download;
 use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::variant::BLOCK_SIDE;
-use crate::kernels::{Pipelines, Primitives, SceneTraits, Variant};
+use crate::kernels::{Pipelines, Primitives, Purpose, SceneTraits, Variant};
 use crate::scene::{Camera, DevicePrecision};
 
 use super::device_scene::DeviceScene;
@@ -20,6 +20,7 @@ use super::forward::{
 use super::frame_buffers::FrameBuffers;
 use super::frame_stats::FrameStats;
 use super::image_frames::Needs;
+use super::layers::{LayerNeeds, record_next_layer};
 use super::picture::Picture;
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::render_options::{RenderOptions, view_of};
@@ -52,13 +53,42 @@ pub(super) enum EachSlab<'a> {
     List(&'a mut AfterSlab<'a>),
 }
 
+impl EachSlab<'_> {
+    /// What a picture with these options is drawn for: the host wants whole lists, as optional passes do.
+    fn purpose(&self, options: &RenderOptions) -> Purpose {
+        match self {
+            Self::Blend(extra) => purpose_of(extra, options),
+            Self::List(_) => Purpose::Whole,
+        }
+    }
+}
+
+/// What a picture with these options and optional passes is drawn for.
+pub(super) fn purpose_of(extra: &ExtraPasses<'_>, options: &RenderOptions) -> Purpose {
+    if options.occlusion && extra.is_empty() { Purpose::Layered } else { Purpose::Whole }
+}
+
+/// Where a submission of a frame begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Start {
+    /// With the test of instances.
+    Frame,
+    /// With the next depth layer.
+    Layer,
+    /// With the next depth slab.
+    Slab,
+}
+
 /// Renders one scene at a time and keeps its frame buffers between frames.
 pub struct Renderer {
     gpu: Arc<Gpu>,
     cache: PipelineCache,
     variant: Variant,
     primitives: Primitives,
+    /// For whole pictures.
     pipelines: Option<Pipelines>,
+    /// For pictures in depth layers.
+    layered_pipelines: Option<Pipelines>,
     frame: Option<FrameBuffers>,
     capacities: Capacities,
     /// The largest intersection buffer that could be allocated.
@@ -108,6 +138,7 @@ impl Renderer {
             variant,
             primitives,
             pipelines: None,
+            layered_pipelines: None,
             frame: None,
             capacities: INITIAL,
             most_intersections: u32::MAX,
@@ -190,7 +221,7 @@ impl Renderer {
         options: &RenderOptions,
         mut each: EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
-        self.prepare(scene, camera, options)?;
+        self.prepare(each.purpose(options), scene, camera, options)?;
         let stats = self.render_prepared(scene, camera, options, &mut each);
         if stats.is_err() {
             self.recorder.abandon();
@@ -201,6 +232,7 @@ impl Renderer {
     /// Checks the inputs, and creates pipelines and buffers for them.
     pub(super) fn prepare(
         &mut self,
+        purpose: Purpose,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
@@ -215,12 +247,15 @@ impl Renderer {
             let reason = "the scene was uploaded without levels of detail".into();
             return Err(RenderError::Option { option: "lod", reason });
         }
-        self.prepare_pipelines(scene.traits(scene.sh_degree), [camera.width, camera.height])?;
+        self.prepare_pipelines(purpose, scene.traits(scene.sh_degree), [camera.width, camera.height])?;
         self.prepare_frame(scene, camera, options)
     }
 
     /// Creates the resources of optional passes, after [`Renderer::prepare`].
     pub(super) fn prepare_extra(&self, extra: &mut ExtraPasses<'_>) -> Result<(), RenderError> {
+        if extra.is_empty() {
+            return Ok(());
+        }
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
         extra.prepare(&self.cache, pipelines.variant, &frame.plan)
     }
@@ -228,11 +263,16 @@ impl Renderer {
     /// The inputs and buffers of the passes, after [`Renderer::prepare`].
     pub(super) fn passes<'a>(
         &'a mut self,
+        purpose: Purpose,
         scene: &'a DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
     ) -> (ForwardInputs<'a>, &'a mut FrameBuffers) {
-        let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
+        let pipelines = match purpose {
+            Purpose::Layered => &self.layered_pipelines,
+            Purpose::Whole | Purpose::Training => &self.pipelines,
+        };
+        let (Some(pipelines), Some(frame)) = (pipelines, &mut self.frame) else { unreachable_state() };
         let view = view_of(camera, options);
         (Self::inputs(pipelines, &self.primitives, &self.gpu, scene, view, options), frame)
     }
@@ -245,23 +285,34 @@ impl Renderer {
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
         let view = view_of(camera, options);
-        let mut stats = FrameStats::default();
-        loop {
+        let last_layer = match each.purpose(options) {
+            Purpose::Layered => LAYERS - 1,
+            Purpose::Whole | Purpose::Training => 0,
+        };
+        let mut redone = 0;
+        'frame: loop {
             self.prepare_frame(scene, camera, options)?;
             if let EachSlab::Blend(extra) = each {
                 self.prepare_extra(extra)?;
             }
+            let mut stats = FrameStats { redone, layers: last_layer + 1, ..FrameStats::default() };
             let mut counters = [0; COUNTER_COUNT as usize];
             counters[COUNTER_INSTANCES as usize] = scene.instance_count;
-            let counters = self.submit_slab(scene, view, options, each, counters, true)?;
-            let Some(frame) = &self.frame else { unreachable_state() };
-            if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters)? {
-                stats.redone += 1;
-                continue;
+            counters[COUNTER_LAST_LAYER as usize] = last_layer;
+            for layer in 0..=last_layer {
+                counters[COUNTER_LAYER as usize] = layer;
+                counters[COUNTER_SLAB_BEGIN as usize] = 0;
+                let start = if layer == 0 { Start::Frame } else { Start::Layer };
+                counters = self.submit_slab(scene, view, options, each, counters, start)?;
+                let Some(frame) = &self.frame else { unreachable_state() };
+                if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters)? {
+                    redone += 1;
+                    continue 'frame;
+                }
+                stats.passes_ms.extend(self.recorder.passes_ms()?);
+                self.slab_done(each, layer == 0, &counters)?;
+                counters = self.finish_slabs(scene, view, options, each, counters, &mut stats)?;
             }
-            stats.passes_ms = self.recorder.passes_ms()?;
-            self.slab_done(each, true, &counters)?;
-            self.finish_slabs(scene, view, options, each, counters, &mut stats)?;
             return Ok(stats);
         }
     }
@@ -283,10 +334,19 @@ impl Renderer {
         self.frame.as_ref()
     }
 
-    fn prepare_pipelines(&mut self, traits: SceneTraits, size_px: [u32; 2]) -> Result<(), RenderError> {
+    fn prepare_pipelines(
+        &mut self,
+        purpose: Purpose,
+        traits: SceneTraits,
+        size_px: [u32; 2],
+    ) -> Result<(), RenderError> {
         let variant = Variant { tile_size: tile_size_for(&self.gpu, &self.variant, size_px), ..self.variant };
-        if self.pipelines.as_ref().is_none_or(|p| p.traits != traits || p.variant != variant) {
-            self.pipelines = Some(Pipelines::new(&self.gpu, &self.cache, variant, traits, false)?);
+        let pipelines = match purpose {
+            Purpose::Layered => &mut self.layered_pipelines,
+            Purpose::Whole | Purpose::Training => &mut self.pipelines,
+        };
+        if pipelines.as_ref().is_none_or(|p| p.traits != traits || p.variant != variant) {
+            *pipelines = Some(Pipelines::new(&self.gpu, &self.cache, variant, traits, purpose)?);
         }
         Ok(())
     }
@@ -312,6 +372,7 @@ impl Renderer {
         loop {
             capacities.intersections = capacities.intersections.min(self.most_intersections);
             let plan = FramePlan::new(size, tile_size, scene.instance_count, capacities, workgroup);
+            let plan = FramePlan { layered: options.occlusion, ..plan };
             if self.frame.as_ref().is_some_and(|frame| frame.plan == plan) {
                 return Ok(());
             }
@@ -348,7 +409,7 @@ impl Renderer {
         ForwardInputs { scene, pipelines, primitives, view, background, lod_error_px, max_slab_splats }
     }
 
-    /// Draws a slab, starting from `counters`; the first one includes culling. Returns the counters after the slab.
+    /// Draws a slab, starting from `counters`; the first of a frame or layer includes culling. Returns the counters after it.
     fn submit_slab(
         &mut self,
         scene: &DeviceScene,
@@ -356,15 +417,21 @@ impl Renderer {
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
         counters: Counters,
-        first: bool,
+        start: Start,
     ) -> Result<Counters, RenderError> {
-        let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
+        let pipelines = match each.purpose(options) {
+            Purpose::Layered => &self.layered_pipelines,
+            Purpose::Whole | Purpose::Training => &self.pipelines,
+        };
+        let (Some(pipelines), Some(frame)) = (pipelines, &mut self.frame) else { unreachable_state() };
         let inputs = Self::inputs(pipelines, &self.primitives, &self.gpu, scene, view, options);
         let recorder = &mut self.recorder;
         write_counters(&mut frame.counters_start, &counters);
         record_begin(recorder, frame)?;
-        if first {
-            record_visibility(recorder, &inputs, frame)?;
+        match (start, &pipelines.layers) {
+            (Start::Frame, _) => record_visibility(recorder, &inputs, frame)?,
+            (Start::Layer, Some(layers)) => record_next_layer(recorder, layers, &inputs, frame)?,
+            (Start::Layer, None) | (Start::Slab, _) => {}
         }
         record_lists(recorder, &inputs, frame)?;
         if let EachSlab::Blend(extra) = each {
@@ -420,15 +487,19 @@ impl Renderer {
     /// Larger buffers do not help: the frame takes more than one depth slab.
     pub(super) fn grow_for_next(&mut self, counters: &Counters, needs: Needs) -> Result<(), RenderError> {
         let before = self.capacities;
-        if self.grow(needs.chunk_pairs, needs.have, counters)? {
+        let layers = LayerNeeds::of_frame(counters);
+        let most = |of: fn(&LayerNeeds) -> u32| layers.iter().map(of).max().unwrap_or(0);
+        let mut counters = *counters;
+        counters[COUNTER_WORK_ITEMS_NEEDED as usize] = most(|layer| layer.work_items);
+        if self.grow(needs.chunk_pairs, needs.have, &counters)? {
             // A later frame may have raised the capacities already.
             self.capacities.candidates = self.capacities.candidates.max(before.candidates);
             self.capacities.work_items = self.capacities.work_items.max(before.work_items);
             return Ok(());
         }
         let most_splats = max_slab_splats(&self.gpu, &self.variant);
-        check_fits("splats of a picture in one depth slab", counters[COUNTER_VISIBLE as usize], most_splats)?;
-        let needed = counters[COUNTER_INTERSECTIONS as usize];
+        check_fits("splats of a picture in one depth slab", most(|layer| layer.visible), most_splats)?;
+        let needed = most(|layer| layer.intersections);
         let most = self.most_intersections_of_device();
         let allowed = most.min(self.most_intersections).min(needs.max_intersections.unwrap_or(u32::MAX));
         check_fits(
@@ -444,7 +515,8 @@ impl Renderer {
         (self.gpu.caps().max_storage_bytes / 4).min(MOST_INTERSECTIONS) as u32
     }
 
-    /// Blends the remaining slabs, and enlarges the intersection buffer for the next frame.
+    /// Blends the remaining slabs of a frame or layer, and enlarges the intersection buffer for the next frame. Returns the
+    /// counters after the last.
     fn finish_slabs(
         &mut self,
         scene: &DeviceScene,
@@ -453,16 +525,16 @@ impl Renderer {
         each: &mut EachSlab<'_>,
         mut counters: Counters,
         stats: &mut FrameStats,
-    ) -> Result<(), RenderError> {
+    ) -> Result<Counters, RenderError> {
         let needed = counters[COUNTER_INTERSECTIONS as usize];
-        stats.slabs = 1;
-        stats.work_items = u64::from(counters[COUNTER_WORK_ITEMS as usize]);
-        stats.visible = u64::from(counters[COUNTER_VISIBLE as usize]);
-        stats.intersections = u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
+        stats.slabs += 1;
+        stats.work_items += u64::from(counters[COUNTER_WORK_ITEMS as usize]);
+        stats.visible += u64::from(counters[COUNTER_VISIBLE as usize]);
+        stats.intersections += u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
         while !is_last(&counters) {
             let begin = counters[COUNTER_SLAB_END as usize];
             counters[COUNTER_SLAB_BEGIN as usize] = begin;
-            counters = self.submit_slab(scene, view, options, each, counters, false)?;
+            counters = self.submit_slab(scene, view, options, each, counters, Start::Slab)?;
             if counters[COUNTER_SLAB_END as usize] <= begin {
                 let reason = format!("made no progress at splat {begin}");
                 return Err(GpuError::Kernel { kernel: "plan_slab".into(), reason }.into());
@@ -476,7 +548,7 @@ impl Renderer {
         if needed > self.capacities.intersections {
             self.capacities.intersections = grown(needed, most);
         }
-        Ok(())
+        Ok(counters)
     }
 }
 

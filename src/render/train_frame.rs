@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
 use crate::gpu::{Gpu, PipelineCache, Recorder, user_cache_path};
-use crate::kernels::{BackwardPipelines, Pipelines, Primitives, Variant};
+use crate::kernels::{BackwardPipelines, Pipelines, Primitives, Purpose, Variant};
 use crate::scene::Camera;
 
 use super::backward::{BackwardInputs, LossInputs, record_gradients, record_image_loss, record_status};
@@ -99,7 +99,7 @@ impl TrainFrame {
             forward.traits == traits && forward.variant == variant && backward.poses == poses
         };
         if !self.pipelines.as_ref().is_some_and(fits) {
-            let forward = Pipelines::new(&self.gpu, &self.cache, variant, traits, true)?;
+            let forward = Pipelines::new(&self.gpu, &self.cache, variant, traits, Purpose::Training)?;
             let backward = BackwardPipelines::new(&self.gpu, &self.cache, variant, traits, poses)?;
             self.pipelines = Some((forward, backward));
         }

@@ -240,19 +240,19 @@ fn drawing_does_not_ask_for_what_training_needs() {
         let scene = renderer.upload(&case.scene)?;
         renderer.render(&scene, &case.camera, &RenderOptions::default())
     };
-    let enough = with(22);
+    let enough = with(23);
     draw(&enough).unwrap();
     let cache = PipelineCache::new(&enough, None).unwrap();
     let size = enough.caps().subgroup_sizes()[0];
     match Pipeline::<GatherGradients>::new(&enough, &cache, size, &[]).err() {
-        Some(GpuError::TooManyBindings { kernel, needed, limit: 22, .. }) => {
+        Some(GpuError::TooManyBindings { kernel, needed, limit: 23, .. }) => {
             assert_eq!((kernel.as_str(), needed), ("gather_gradients", 27));
         }
         other => panic!("{other:?}"),
     }
     assert_silent(&enough);
-    let error = draw(&with(21)).unwrap_err();
-    let named = matches!(&error, RenderError::Gpu(GpuError::TooManyBindings { kernel, needed: 22, limit: 21, .. })
+    let error = draw(&with(22)).unwrap_err();
+    let named = matches!(&error, RenderError::Gpu(GpuError::TooManyBindings { kernel, needed: 23, limit: 22, .. })
         if kernel == "preprocess_instance_expand");
     assert!(named, "{error}");
 }

@@ -16,6 +16,7 @@ mod exposure;
 mod forward;
 mod image_loss;
 mod intersections;
+mod layers;
 mod lod;
 mod mask_contribution;
 mod mcmc;

@@ -5,7 +5,7 @@ use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::interface::types::DispatchArgs;
 use instgs_vk::gpu::staging::{download, upload};
 use instgs_vk::gpu::{Buffer, Grid, PipelineCache, Recorder};
-use instgs_vk::kernels::{Pipelines, SceneTraits, Variant, plan_slab};
+use instgs_vk::kernels::{Pipelines, Purpose, SceneTraits, Variant, plan_slab};
 use instgs_vk::math::rng::Rng;
 
 use crate::common::gpu::{assert_silent, gpu};
@@ -15,7 +15,7 @@ fn slabs_are_the_longest_that_fit() {
     let Some(gpu) = gpu() else { return };
     let cache = PipelineCache::new(&gpu, None).unwrap();
     let pipelines =
-        Pipelines::new(&gpu, &cache, Variant::for_device(gpu.caps()), SceneTraits::plain(0), false).unwrap();
+        Pipelines::new(&gpu, &cache, Variant::for_device(gpu.caps()), SceneTraits::plain(0), Purpose::Whole).unwrap();
     let mut rng = Rng::new(9);
     for (n, capacity, max_splats) in [(1, 5, 9), (500, 40, 1000), (500, 200, 7), (300, u32::MAX, u32::MAX), (0, 5, 5)] {
         let counts: Vec<u32> = (0..n).map(|_| 1 + rng.index(5) as u32).collect();

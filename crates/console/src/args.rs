@@ -183,6 +183,9 @@ pub struct LookArgs {
     /// Limit on the buffer of intersections; frames that need more are drawn in depth slabs, with the same result
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     max_intersections: Option<u32>,
+    /// Leave out what the front of the scene hides: the same picture to the bit, in less time and memory where much is hidden
+    #[arg(long)]
+    occlusion: bool,
 }
 
 /// The level-of-detail flag, for commands whose pictures are viewed rather than measured.
@@ -235,6 +238,7 @@ impl LookArgs {
             background: self.background.map_or(default.background, |b| b.0),
             lod_error_px: default.lod_error_px,
             max_intersections: self.max_intersections,
+            occlusion: self.occlusion,
             ..default
         }
         .filtered(self.pixel_filter().over(scene.pixel_filter))

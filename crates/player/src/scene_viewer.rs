@@ -72,6 +72,8 @@ pub struct SceneViewer {
     camera: Option<Camera>,
     /// Number of depth slabs of the last complete frame.
     slabs: u32,
+    /// True if that frame was drawn by one submission, as frames in flight have to be.
+    one_submission: bool,
     /// Statistics of complete frames that have not been taken yet.
     arrived: Vec<FrameStats>,
     /// True if the id buffer belongs to the last frame.
@@ -103,6 +105,7 @@ impl SceneViewer {
             options,
             camera: None,
             slabs: 0,
+            one_submission: false,
             arrived: Vec::new(),
             has_surfaces: false,
             has_marks: None,
@@ -118,7 +121,8 @@ impl SceneViewer {
     pub fn open(&mut self, scene: InstancedScene, options: ViewerOptions) -> Result<(), PlayerError> {
         while self.ahead.arrive()?.is_some() {}
         (self.scene, self.options, self.editor) = (InstancedScene::default(), options, Editor::default());
-        (self.camera, self.slabs, self.has_surfaces, self.has_marks) = (None, 0, false, None);
+        (self.camera, self.slabs, self.one_submission) = (None, 0, false);
+        (self.has_surfaces, self.has_marks) = (false, None);
         self.arrived.clear();
         self.renderer.forget_picture();
         self.device_scene = self.renderer.upload_for(&self.scene, &options.render)?;
@@ -192,6 +196,8 @@ impl SceneViewer {
             // Merged Gaussians of coarser levels have offsets of their own.
             options.lod_error_px = 0.0;
         }
+        // The lists of the whole picture are shown.
+        options.occlusion &= !matches!(self.options.show, Show::TileLoad(_));
         options
     }
 
@@ -203,7 +209,7 @@ impl SceneViewer {
     /// Records a frame that has left the device; true if it is complete.
     fn note(&mut self, arrived: Arrived) -> bool {
         let Arrived::Complete(stats) = arrived else { return false };
-        self.slabs = stats.slabs;
+        (self.slabs, self.one_submission) = (stats.slabs, stats.is_one_submission());
         self.arrived.push(stats);
         true
     }
@@ -211,7 +217,7 @@ impl SceneViewer {
     /// Like [`SceneViewer::draw`], but without waiting if the frame has the size of the previous one and that had one depth
     /// slab. Call [`SceneViewer::settle`] after the last frame.
     pub fn draw_ahead(&mut self, camera: &Camera) -> Result<(), PlayerError> {
-        let alike = self.size_px() == Some([camera.width, camera.height]) && self.slabs == 1;
+        let alike = self.size_px() == Some([camera.width, camera.height]) && self.one_submission;
         if !alike || !self.has_wanted_levels() {
             return self.draw(camera);
         }

@@ -10,6 +10,7 @@ pub mod exposure;
 pub mod finite_diff;
 pub mod gather_gradients;
 pub mod image_loss;
+pub mod layers;
 pub mod lod;
 pub mod mask_contribution;
 pub mod mcmc;

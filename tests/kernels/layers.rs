@@ -1,0 +1,281 @@
+//! Frames in depth layers: the same bytes as in one piece, without the work for what is hidden.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+use instgs_reference::layers as twin;
+use instgs_vk::gpu::interface::constants::*;
+use instgs_vk::gpu::staging::{download, upload};
+use instgs_vk::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder};
+use instgs_vk::kernels::pipelines::LayerPipelines;
+use instgs_vk::kernels::{Pipelines, Purpose, SceneTraits, Variant, close_tiles, plan_layers};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::render::forward::read_counters;
+use instgs_vk::render::plan::Capacities;
+use instgs_vk::render::{Ahead, Arrived, ExtraPasses, RenderOptions, Renderer};
+use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, Instance, InstancedScene, SourceRange};
+
+use crate::common::gpu::{assert_silent, device_options, gpu};
+use crate::common::random_scene::{random_case, rare_case};
+
+/// Everything of the frames in layers that scenes can have: offsets, colours, own Gaussians, all precisions.
+#[test]
+fn layers_change_no_bit() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let (mut whole_pairs, mut layered_pairs) = (0, 0);
+    for case in (0..40).map(random_case).chain((0..20).map(rare_case)) {
+        let precision = DevicePrecision::ALL[case.seed as usize % DevicePrecision::ALL.len()];
+        let whole = RenderOptions { device_precision: precision, ..device_options(&case.options) };
+        let layered = RenderOptions { occlusion: true, ..whole };
+        // Opaque enough to hide something.
+        let mut opaque = case.scene.clone();
+        opaque.templates.opacity_logits.iter_mut().for_each(|logit| *logit += 4.0);
+        for scene in [&case.scene, &opaque] {
+            let scene = renderer.upload_for(scene, &whole).unwrap();
+            whole_pairs += renderer.render(&scene, &case.camera, &whole).unwrap().intersections;
+            let want = renderer.download().unwrap();
+            layered_pairs += renderer.render(&scene, &case.camera, &layered).unwrap().intersections;
+            assert!(renderer.download().unwrap() == want, "seed {}, {precision:?}", case.seed);
+        }
+    }
+    println!("{layered_pairs} of {whole_pairs} pairs");
+    assert!(layered_pairs < whole_pairs, "nothing was hidden");
+    assert_silent(&gpu);
+}
+
+/// Appends an opaque splat of SH degree 1.
+fn push_splat(cloud: &mut Gaussians, rng: &mut Rng, mean: DVec3, sigma: f32) {
+    cloud.means.push(mean.as_vec3().to_array());
+    cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+    cloud.log_scales.push([sigma.ln(); 3]);
+    cloud.opacity_logits.push(6.0);
+    (0..4).for_each(|_| cloud.sh.push([0; 3].map(|_| rng.range(-0.3, 0.3) as f32)));
+}
+
+/// A wall across the view, and `behind` instances of a ball of 300 splats behind it.
+fn wall(behind: usize) -> (InstancedScene, Camera) {
+    let mut rng = Rng::new(5);
+    let mut templates = Gaussians::with_capacity(1, 0);
+    // Six sheets of splats: alpha is at most 0.99, so a pixel ends with the third.
+    let side = 24;
+    for k in 0..6 * side * side {
+        let [x, y, z] = [k % side, k / side % side, k / side / side].map(f64::from);
+        let across = |v: f64| (v + 0.5) / f64::from(side) - 0.5;
+        push_splat(&mut templates, &mut rng, DVec3::new(across(x), across(y), 0.002 * z), 0.03);
+    }
+    let sheets = SourceRange { first: 0, count: templates.len() as u32 };
+    for _ in 0..300 {
+        let mean = 0.1 * rng.unit_vector();
+        push_splat(&mut templates, &mut rng, mean, 0.007);
+    }
+    let ball = SourceRange { first: sheets.count, count: 300 };
+    let at = |place: DVec3, template: u32| Instance {
+        template,
+        world_from_template: Similarity::from_parts(DMat3::IDENTITY, 1.0, place),
+        first_offset: None,
+    };
+    let mut instances = vec![at(DVec3::Z, 0)];
+    for _ in 0..behind {
+        let z = rng.range(2.0, 12.0);
+        let [x, y] = [0; 2].map(|_| rng.range(-0.4, 0.4) * z);
+        instances.push(at(DVec3::new(x, y, z), 1));
+    }
+    let scene =
+        InstancedScene { templates, template_ranges: vec![sheets, ball], instances, ..InstancedScene::default() };
+    scene.validate().unwrap();
+    let camera = Camera::look_at("wall", DVec3::ZERO, DVec3::Z, DVec3::Y, 0.7, (93, 61));
+    (scene, camera)
+}
+
+#[test]
+fn what_a_wall_hides_is_not_expanded() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, camera) = wall(400);
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let whole = RenderOptions::default();
+    let scene = renderer.upload(&scene).unwrap();
+    let all = renderer.render(&scene, &camera, &whole).unwrap();
+    let want = renderer.download().unwrap();
+    let layered = RenderOptions { occlusion: true, ..whole };
+    let seen = renderer.render(&scene, &camera, &layered).unwrap();
+    assert!(renderer.download().unwrap() == want);
+    println!("{} of {} chunks, {} of {} splats", seen.work_items, all.work_items, seen.visible, all.visible);
+    // The wall is most of the first layers; 400 balls of 300 Gaussians are behind it.
+    assert!(seen.work_items * 3 < all.work_items, "{} of {} chunks", seen.work_items, all.work_items);
+    assert!(seen.visible * 3 < all.visible, "{} of {} splats", seen.visible, all.visible);
+    // The same after pictures of other kinds with the same renderer.
+    renderer.render(&scene, &camera, &whole).unwrap();
+    assert_eq!(renderer.render(&scene, &camera, &layered).unwrap().work_items, seen.work_items);
+    assert!(renderer.download().unwrap() == want);
+    assert_silent(&gpu);
+}
+
+/// Frames that the host does not wait for are the same; one that does not fit says so.
+#[test]
+fn frames_in_flight_have_layers() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, camera) = wall(200);
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let scene = renderer.upload(&scene).unwrap();
+    renderer.render(&scene, &camera, &RenderOptions::default()).unwrap();
+    let want = renderer.download().unwrap();
+    let options = RenderOptions { occlusion: true, ..RenderOptions::default() };
+    let waited = renderer.render(&scene, &camera, &options).unwrap();
+    let mut ahead = Ahead::new(&gpu).unwrap();
+    for _ in 0..2 {
+        renderer.submit_ahead(&mut ahead, &scene, &camera, &options, ExtraPasses::default()).unwrap();
+    }
+    for _ in 0..2 {
+        let Some(Arrived::Complete(stats)) = ahead.arrive().unwrap() else { panic!("the frame fits") };
+        assert!(stats.is_one_submission());
+        assert_eq!((stats.layers, stats.work_items), (LAYERS, waited.work_items));
+        assert_eq!((stats.visible, stats.intersections), (waited.visible, waited.intersections));
+    }
+    assert!(renderer.download().unwrap() == want);
+    // Too small for the first layers, and large enough for the last, of which nothing is drawn.
+    let mut small = Renderer::new(&gpu).unwrap();
+    small.set_capacities(Capacities { candidates: u32::MAX, work_items: 8, intersections: 1 << 20 });
+    let mut ahead = Ahead::new(&gpu).unwrap();
+    small.submit_ahead(&mut ahead, &scene, &camera, &options, ExtraPasses::default()).unwrap();
+    assert_eq!(ahead.arrive().unwrap(), Some(Arrived::Incomplete));
+    assert_silent(&gpu);
+}
+
+/// Buffers that have to grow between layers, and slabs within layers.
+#[test]
+fn small_buffers_change_nothing() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, camera) = wall(60);
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let options = RenderOptions { occlusion: true, ..RenderOptions::default() };
+    let scene = renderer.upload(&scene).unwrap();
+    renderer.render(&scene, &camera, &RenderOptions::default()).unwrap();
+    let want = renderer.download().unwrap();
+    let mut small = Renderer::new(&gpu).unwrap();
+    small.set_capacities(Capacities { candidates: 1, work_items: 1, intersections: 1 });
+    let stats = small.render(&scene, &camera, &options).unwrap();
+    assert!(stats.redone >= 2, "redone {} times", stats.redone);
+    assert!(small.download().unwrap() == want);
+    let again = small.render(&scene, &camera, &options).unwrap();
+    assert_eq!((again.redone, again.slabs), (0, LAYERS), "the second frame fits");
+    let few = RenderOptions { max_intersections: Some((again.intersections / 20) as u32), ..options };
+    let stats = small.render(&scene, &camera, &few).unwrap();
+    assert!(stats.slabs > LAYERS, "{} slabs", stats.slabs);
+    assert!(small.download().unwrap() == want);
+    assert_silent(&gpu);
+}
+
+/// Values that are not finite, or far too large, in one of seven Gaussians.
+#[test]
+fn poison_is_drawn_as_without_layers() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    for (seed, value) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 88.8].into_iter().enumerate()
+    {
+        for parameter in 0..4 {
+            let mut case = random_case(seed as u64);
+            let cloud = &mut case.scene.templates;
+            for i in (0..cloud.len()).step_by(7) {
+                match parameter {
+                    0 => cloud.means[i][i % 3] = value,
+                    1 => cloud.quats[i][i % 4] = value,
+                    2 => cloud.log_scales[i][i % 3] = value,
+                    _ => cloud.opacity_logits[i] = value,
+                }
+            }
+            let whole = device_options(&case.options);
+            let scene = renderer.upload(&case.scene).unwrap();
+            renderer.render(&scene, &case.camera, &whole).unwrap();
+            let want = renderer.download().unwrap();
+            renderer.render(&scene, &case.camera, &RenderOptions { occlusion: true, ..whole }).unwrap();
+            assert!(renderer.download().unwrap() == want, "seed {seed}, parameter {parameter}");
+        }
+    }
+    assert_silent(&gpu);
+}
+
+fn pipelines(gpu: &Arc<Gpu>, tile_size: u32) -> LayerPipelines {
+    let cache = PipelineCache::new(gpu, None).unwrap();
+    let variant = Variant { tile_size, ..Variant::for_device(gpu.caps()) };
+    Pipelines::new(gpu, &cache, variant, SceneTraits::plain(0), Purpose::Layered).unwrap().layers.unwrap()
+}
+
+/// Where the layers begin, and the end of the last.
+fn bounds_of(counters: &[u32]) -> Vec<u32> {
+    counters[COUNTER_LAYER_BEGIN as usize..][..=LAYERS as usize].to_vec()
+}
+
+#[test]
+fn bounds_are_those_of_the_twin() {
+    let Some(gpu) = gpu() else { return };
+    let pipelines = pipelines(&gpu, 8);
+    let mut rng = Rng::new(3);
+    for chunks in [0, 1, 2, 31, 64, 1000, 50_000] {
+        for spread in [0.0, 0.1, 3.0, 40.0] {
+            let depths: Vec<f32> = (0..chunks).map(|_| (1.0 + spread * rng.normal()).exp() as f32 - 0.5).collect();
+            let bins = twin::layer_bins(&depths);
+            let layer_bins = upload(&gpu, "layer_bins", &bins).unwrap();
+            let mut counters = Buffer::new(&gpu, "counters", COUNTER_COUNT as usize).unwrap();
+            let mut recorder = Recorder::new(&gpu).unwrap();
+            let bindings = plan_layers::Bindings { layer_bins: &layer_bins, counters: &mut counters };
+            recorder.dispatch(&pipelines.plan_layers, Grid::groups(1), &(), bindings).unwrap();
+            let ticket = recorder.submit().unwrap();
+            recorder.wait(ticket).unwrap();
+            let got = bounds_of(&download(&gpu, &counters, COUNTER_COUNT as usize).unwrap());
+            assert_eq!(got, twin::layer_bounds(&bins), "{chunks} chunks, spread {spread}");
+            assert!(got.is_sorted());
+        }
+    }
+    assert_silent(&gpu);
+}
+
+/// The bins of a frame hold each chunk that a whole frame expands, at its depth.
+#[test]
+fn every_visible_chunk_is_counted() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    for seed in 0..30 {
+        let case = random_case(seed);
+        let whole = device_options(&case.options);
+        let scene = renderer.upload(&case.scene).unwrap();
+        let chunks = renderer.render(&scene, &case.camera, &whole).unwrap().work_items;
+        renderer.render(&scene, &case.camera, &RenderOptions { occlusion: true, ..whole }).unwrap();
+        let frame = renderer.frame().unwrap();
+        let bins = download(&gpu, &frame.layer_bins, LAYER_BINS as usize).unwrap();
+        assert_eq!(bins.iter().map(|&n| u64::from(n)).sum::<u64>(), chunks, "seed {seed}");
+        let bounds = bounds_of(&read_counters(frame));
+        assert_eq!(bounds, twin::layer_bounds(&bins), "seed {seed}");
+    }
+    assert_silent(&gpu);
+}
+
+#[test]
+fn closed_tiles_are_those_of_the_twin() {
+    let Some(gpu) = gpu() else { return };
+    let mut rng = Rng::new(4);
+    for tile_size in [8, 16] {
+        let pipelines = pipelines(&gpu, tile_size);
+        for size_px in [[1, 1], [8, 8], [93, 61], [1030, 9], [17, 300]] {
+            let tiles = size_px.map(|side: u32| side.div_ceil(tile_size));
+            for live_share in [0.0, 0.002, 0.02] {
+                let live: Vec<f32> =
+                    (0..size_px[0] * size_px[1]).map(|_| if rng.chance(live_share) { 1e-4 } else { 0.0 }).collect();
+                let depths: Vec<[f32; 2]> = live.iter().map(|&t| [5.0, t]).collect();
+                let depths = upload(&gpu, "depths", &depths).unwrap();
+                let count = (tiles[0] * tiles[1]) as usize;
+                let mut closed_runs = upload(&gpu, "closed_runs", &vec![77u32; count]).unwrap();
+                let mut recorder = Recorder::new(&gpu).unwrap();
+                let bindings = close_tiles::Bindings { depths: &depths, closed_runs: &mut closed_runs };
+                let params = close_tiles::Params { size_px, tiles };
+                recorder.dispatch(&pipelines.close_tiles, Grid::groups(tiles[1]), &params, bindings).unwrap();
+                let ticket = recorder.submit().unwrap();
+                recorder.wait(ticket).unwrap();
+                let got = download(&gpu, &closed_runs, count).unwrap();
+                assert!(got == twin::closed_runs(&live, size_px, tile_size), "{size_px:?}, {live_share}");
+            }
+        }
+    }
+    assert_silent(&gpu);
+}
