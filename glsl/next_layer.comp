@@ -5,7 +5,7 @@
 //   too small for it, or one depth slab was not enough; `COUNTER_LAYER` grows by one.
 // - Grid: one work-group, of which one thread works.
 //
-// Test: `tests/kernels/layers.rs` (frames in flight).
+// Twin: `instgs_reference::layers`. Test: `tests/kernels/layers.rs`, also of whole frames in flight.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

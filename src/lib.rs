@@ -82,7 +82,7 @@
 //! ```
 //!
 //! Everything up to and including the first slab is one submission, sized on the device by indirect arguments. The host
-//! reads 16 counters after it. If candidates or work items did not fit, it enlarges their buffers and redoes the frame;
+//! reads a few counters after it. If candidates or work items did not fit, it enlarges their buffers and redoes the frame;
 //! if splats are left, it submits them slab by slab and enlarges the intersection buffer for the next frame.
 //! `render/forward.rs` is this list in code.
 //!

@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod device_precision;
+pub mod draw_order;
 pub mod edit;
 pub mod flatten;
 pub mod gaussians;

@@ -8,7 +8,7 @@ use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::{download, upload};
 use instgs_vk::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::pipelines::LayerPipelines;
-use instgs_vk::kernels::{Pipelines, Purpose, SceneTraits, Variant, close_tiles, plan_layers};
+use instgs_vk::kernels::{Pipelines, Purpose, SceneTraits, Variant, close_tiles, next_layer, plan_layers};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::forward::read_counters;
@@ -228,6 +228,32 @@ fn bounds_are_those_of_the_twin() {
             assert!(got.is_sorted());
         }
     }
+    assert_silent(&gpu);
+}
+
+#[test]
+fn the_log_is_that_of_the_twin() {
+    let Some(gpu) = gpu() else { return };
+    let pipelines = pipelines(&gpu, 8);
+    let mut rng = Rng::new(8);
+    let mut incomplete = 0;
+    for case in 0..40 {
+        let mut counters: Vec<u32> = (0..COUNTER_COUNT).map(|_| rng.index(5) as u32).collect();
+        (counters[COUNTER_LAYER as usize], counters[COUNTER_INCOMPLETE as usize]) = (case % (LAYERS - 1), case / 30);
+        let capacities = [3 + rng.index(3) as u32, 3 + rng.index(3) as u32];
+        let mut on_device = upload(&gpu, "counters", &counters).unwrap();
+        let mut recorder = Recorder::new(&gpu).unwrap();
+        let bindings = next_layer::Bindings { counters: &mut on_device };
+        recorder
+            .dispatch(&pipelines.next_layer, Grid::groups(1), &next_layer::Params { capacities }, bindings)
+            .unwrap();
+        let ticket = recorder.submit().unwrap();
+        recorder.wait(ticket).unwrap();
+        let want = twin::next_layer(counters, capacities);
+        assert_eq!(download(&gpu, &on_device, COUNTER_COUNT as usize).unwrap(), want, "case {case}");
+        incomplete += want[COUNTER_INCOMPLETE as usize];
+    }
+    assert!((15..40).contains(&incomplete), "{incomplete} incomplete");
     assert_silent(&gpu);
 }
 

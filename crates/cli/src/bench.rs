@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::bench_report::print_report;
-use instgs_console::args::{JsonArgs, LookArgs, PrecisionArgs, ViewArgs, open_scene, parse_lod, parse_precision};
+use instgs_console::args::{
+    JsonArgs, LookArgs, PrecisionArgs, ViewArgs, open_scene_to_draw, parse_lod, parse_precision,
+};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer};
 use instgs_eval::bench::{self, MeasurePhase, Subject};
@@ -51,11 +53,11 @@ pub(super) struct BenchArgs {
 }
 
 pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let loaded = open_scene(&args.scene, printer)?;
+    let loaded = open_scene_to_draw(&args.scene, printer)?;
     if !args.lod.is_empty() {
         return super::bench_lod::run(args, &loaded, device_args.choice(), printer);
     }
-    let loaded_against = args.against.as_deref().map(|path| open_scene(path, printer)).transpose()?;
+    let loaded_against = args.against.as_deref().map(|path| open_scene_to_draw(path, printer)).transpose()?;
     let cameras = args.views.cameras(&loaded.scene, args.look.options(&loaded.scene).near, printer)?;
     if cameras.len() > args.frames as usize {
         let (frames, count) = (args.frames, cameras.len());

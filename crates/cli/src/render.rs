@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Args;
 
 use super::picture_files::{self, Format};
-use instgs_console::args::{LodArgs, LookArgs, PrecisionArgs, ViewArgs, create_folder, open_scene};
+use instgs_console::args::{LodArgs, LookArgs, PrecisionArgs, ViewArgs, create_folder, open_scene_to_draw};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_vk::render::Renderer;
@@ -68,7 +68,7 @@ struct RenderedFrame {
 }
 
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let loaded = open_scene(&args.scene, printer)?;
+    let loaded = open_scene_to_draw(&args.scene, printer)?;
     let options = args.precision.apply(args.lod.apply(args.look.options(&loaded.scene)));
     let cameras = args.views.cameras(&loaded.scene, options.near, printer)?;
     let names = picture_files::names(&cameras)?;

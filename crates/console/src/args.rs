@@ -8,7 +8,7 @@ use glam::DVec3;
 use crate::error::CliError;
 use crate::printer::Printer;
 use instgs_io::dataset::Split;
-use instgs_io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views};
+use instgs_io::{IoError, LoadedScene, View, load_scene, load_scene_to_draw, read_cameras, read_views};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 use instgs_vk::scene::trajectory::Orbit;
@@ -247,7 +247,15 @@ impl LookArgs {
 
 /// Opens a scene and prints warnings about its file.
 pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliError> {
-    let loaded = load_scene(path)?;
+    warned(path, load_scene(path)?, printer)
+}
+
+/// As [`open_scene`], with the background in an order that is fast to draw.
+pub fn open_scene_to_draw(path: &Path, printer: &Printer) -> Result<LoadedScene, CliError> {
+    warned(path, load_scene_to_draw(path)?, printer)
+}
+
+fn warned(path: &Path, loaded: LoadedScene, printer: &Printer) -> Result<LoadedScene, CliError> {
     for what in loaded.warnings() {
         printer.warning(format_args!("{}: {what}", path.display()));
     }

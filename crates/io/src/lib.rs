@@ -83,7 +83,7 @@ pub use run_folder::RunFolder;
 pub use run_lock::{RunLock, is_at};
 pub use scene_export::{ExportFormat, ExportedScene, export_scene};
 pub use scene_file::read_scene_file;
-pub use scene_load::{LoadedScene, load_scene, save_scene};
+pub use scene_load::{LoadedScene, load_scene, load_scene_to_draw, save_scene};
 pub use scene_pack::Pack;
 pub use scene_write::{write_scene_file, write_scene_file_packed, write_small_scene_file};
 pub use sog::{read_sog, write_sog};

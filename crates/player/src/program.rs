@@ -17,7 +17,7 @@ use instgs_console::args::{LodArgs, LookArgs, PrecisionArgs, Triple, parse_size,
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, exit_code, parse};
 use instgs_io::json::as_map;
-use instgs_io::{IoError, LoadedScene, Place, load_scene, read_boxes, read_views};
+use instgs_io::{IoError, LoadedScene, Place, load_scene_to_draw, read_boxes, read_views};
 use instgs_vk::math::statistics::{Percentiles, median};
 use instgs_vk::render::FrameStats;
 use instgs_vk::scene::trajectory::Orbit;
@@ -190,7 +190,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
         return headless(args, &cameras, printer);
     }
     // Frames that are timed begin with the scene; a window reads it beside its first frames and displays errors.
-    let loaded = args.frames.map(|_| load_scene(&args.scene)).transpose()?;
+    let loaded = args.frames.map(|_| load_scene_to_draw(&args.scene)).transpose()?;
     let boxes = args.boxes.as_ref().map(|path| read_boxes(path).map(|boxes| (path.clone(), boxes))).transpose()?;
     let script = script(args.script.as_deref())?;
     let counts = loaded.as_ref().map_or([0; 2], |loaded| gaussian_counts(&loaded.scene));
@@ -264,7 +264,7 @@ fn window_job(args: &PlayerArgs, loaded: Option<LoadedScene>, cameras: &[Camera]
 }
 
 fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
-    let loaded = load_scene(&args.scene)?;
+    let loaded = load_scene_to_draw(&args.scene)?;
     let options = viewer_options(args, &loaded.scene)?;
     let gpu = device::open(args.device.choice())?;
     let mut viewer = SceneViewer::new(&gpu, loaded.scene, options)?;

@@ -1,7 +1,7 @@
-//! Twin of `layer_histogram`, `plan_layers` and `close_tiles`: the depth layers of a frame, and the tiles that are closed
-//! between two of them.
+//! Twin of `layer_histogram`, `plan_layers`, `close_tiles` and `next_layer`: the depth layers of a frame, and what happens between
+//! two of them.
 
-use instgs_vk::gpu::interface::constants::{LAYER_BIN_BITS, LAYER_BINS, LAYERS};
+use instgs_vk::gpu::interface::constants::*;
 
 /// Counts by bin of depth of chunks whose nearest splats have these depths; what is not finite or behind the camera is near.
 pub fn layer_bins(nearest: &[f32]) -> Vec<u32> {
@@ -40,4 +40,18 @@ pub fn closed_runs(live: &[f32], size_px: [u32; 2], tile_size: u32) -> Vec<u32> 
     };
     let run = |column: u32, row: u32| (column..tiles[0]).take_while(|&c| is_closed(c, row)).count() as u32;
     (0..tiles[1]).flat_map(|row| (0..tiles[0]).map(move |column| (column, row))).map(|(c, r)| run(c, r)).collect()
+}
+
+/// The counters (`COUNTER_*`) after a layer has been drawn into buffers for `capacities` candidates and work items.
+pub fn next_layer(mut counters: Vec<u32>, capacities: [u32; 2]) -> Vec<u32> {
+    let count = |slot: u32| counters[slot as usize];
+    let fits = count(COUNTER_CANDIDATES_NEEDED) <= capacities[0]
+        && count(COUNTER_WORK_ITEMS_NEEDED) <= capacities[1]
+        && count(COUNTER_SLAB_END) >= count(COUNTER_VISIBLE);
+    let needed = [COUNTER_WORK_ITEMS_NEEDED, COUNTER_VISIBLE, COUNTER_INTERSECTIONS].map(count);
+    let log = (COUNTER_LAYER_LOG + LAYER_LOG_LENGTH * count(COUNTER_LAYER)) as usize;
+    counters[log..][..needed.len()].copy_from_slice(&needed);
+    counters[COUNTER_LAYER as usize] += 1;
+    counters[COUNTER_INCOMPLETE as usize] |= u32::from(!fits);
+    counters
 }

@@ -15,7 +15,7 @@ use crate::actions::Take;
 use crate::error::PlayerError;
 use crate::recording::{PATH_FPS, Recording};
 use crate::texts;
-use instgs_io::{ExportFormat, IoError, LoadedScene, TEMPORARY_PREFIX, export_scene, load_scene, save_scene};
+use instgs_io::{ExportFormat, IoError, LoadedScene, TEMPORARY_PREFIX, export_scene, load_scene_to_draw, save_scene};
 use instgs_vk::scene::{Camera, InstancedScene};
 use tempfile::{NamedTempFile, TempPath};
 
@@ -110,7 +110,7 @@ impl Live {
     fn read(&mut self, path: &Path, of: Opened) {
         let (sender, done) = channel();
         let (name, of_thread) = (texts::opening(path), path.to_path_buf());
-        std::thread::spawn(move || drop(sender.send(load_scene(&of_thread))));
+        std::thread::spawn(move || drop(sender.send(load_scene_to_draw(&of_thread))));
         let kind = Kind::Read { done, path: path.to_path_buf(), of };
         self.work = Some(Work { name, cancelled: Arc::default(), kind });
     }
