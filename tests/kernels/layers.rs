@@ -29,9 +29,12 @@ fn layers_change_no_bit() {
         let precision = DevicePrecision::ALL[case.seed as usize % DevicePrecision::ALL.len()];
         let whole = RenderOptions { device_precision: precision, ..device_options(&case.options) };
         let layered = RenderOptions { occlusion: true, ..whole };
-        // Opaque enough to hide something.
+        // Large and opaque enough to hide something, also where tiles are of 16 pixels.
         let mut opaque = case.scene.clone();
-        opaque.templates.opacity_logits.iter_mut().for_each(|logit| *logit += 4.0);
+        for cloud in [&mut opaque.templates, &mut opaque.background] {
+            cloud.opacity_logits.iter_mut().for_each(|logit| *logit += 8.0);
+            cloud.log_scales.iter_mut().flatten().for_each(|scale| *scale += 0.5);
+        }
         for scene in [&case.scene, &opaque] {
             let scene = renderer.upload_for(scene, &whole).unwrap();
             whole_pairs += renderer.render(&scene, &case.camera, &whole).unwrap().intersections;
