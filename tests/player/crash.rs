@@ -76,10 +76,12 @@ fn a_device_that_is_lost_anywhere_is_opened_anew() {
                 saved += more;
                 reopened += 1;
             } else {
-                // Before there is a scene to lose, it ends in words.
+                // Before there is a scene to lose, or if the new device fails within seconds, too, it ends in words.
                 let lines = words.lines().filter(|line| line.starts_with("error: ")).count();
                 assert!(output.status.code() == Some(1) && lines == 1, "{kind}={number}: {words}");
-                assert!(std::fs::read(&file).unwrap() == old, "{kind}={number}");
+                // The new device may have lived until the copy was saved.
+                let is_saved = || load_scene(&file).unwrap().scene.instances.len() == chairs().instances.len() + 1;
+                assert!(std::fs::read(&file).unwrap() == old || is_saved(), "{kind}={number}: {words}");
                 ended += 1;
             }
         }

@@ -88,6 +88,8 @@ pub(super) struct Settings<'a> {
     pub(super) budget_ms: &'a mut Option<f64>,
     /// Screen-space error in pixels that levels of detail may make; 0 = full detail.
     pub(super) lod_error_px: &'a mut f32,
+    /// True if what the front of the scene hides is left out.
+    pub(super) occlusion: &'a mut bool,
 }
 
 /// The panels that are open. Those that are only passed through are not remembered.

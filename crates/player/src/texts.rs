@@ -208,6 +208,9 @@ pub(super) const BACKGROUND_COLOUR: &str = "Background colour";
 pub(super) const GRID: &str = "Grid";
 pub(super) const AXES: &str = "Axes";
 pub(super) const DETAIL: &str = "Level-of-detail error";
+pub(super) const OCCLUSION: &str = "Leave out what is hidden";
+pub(super) const WHY_OCCLUSION: &str =
+    "The same picture, faster where the front of the scene hides much, slower elsewhere";
 pub(super) const LOWER_RESOLUTION: &str = "Lower resolution in motion above";
 pub(super) const PRESENTATION: &str = "Vertical sync";
 pub(super) const SHOWN: &str = "shown";

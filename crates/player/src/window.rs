@@ -399,6 +399,7 @@ impl Live {
                 present: &mut present,
                 budget_ms: &mut self.pacing.resolution.budget_ms,
                 lod_error_px: &mut options.render.lod_error_px,
+                occlusion: &mut options.render.occlusion,
             };
             if self.hud.visible && self.hud.grid {
                 ground::grid(ctx, &camera, home, up, distance);

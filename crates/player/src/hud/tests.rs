@@ -38,7 +38,7 @@ impl Desk {
             let input = egui::RawInput { screen_rect, time: Some(0.5 * f64::from(k)), ..egui::RawInput::default() };
             let Self { ctx, hud, scene, editor, navigator, .. } = self;
             let (clock, stats, mut resolution) = (FrameClock::default(), FrameStats::default(), Resolution::default());
-            let (mut show, mut background, mut lod) = (Show::Color, [0.0; 3], 0.0);
+            let (mut show, mut background, mut lod, mut occlusion) = (Show::Color, [0.0; 3], 0.0, false);
             let mut present = PresentMode::Fifo;
             let output = ctx.run(input, |ctx| {
                 let facts = Facts {
@@ -71,6 +71,7 @@ impl Desk {
                     present: &mut present,
                     budget_ms: &mut resolution.budget_ms,
                     lod_error_px: &mut lod,
+                    occlusion: &mut occlusion,
                 };
                 assert_eq!(hud.lay_out(ctx, &facts, settings), []);
             });

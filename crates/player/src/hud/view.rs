@@ -22,7 +22,7 @@ pub(super) fn lay_out(
     actions: &mut Vec<Action>,
 ) {
     ui.set_min_width(WIDTH);
-    let Settings { navigator, show, background, present, budget_ms, lod_error_px } = settings;
+    let Settings { navigator, show, background, present, budget_ms, lod_error_px, occlusion } = settings;
     views::choose(ui, show, navigator.distance(), facts.stats.slabs);
     let mut degrees = navigator.fov_y().to_degrees();
     if ui.add(Slider::new(&mut degrees, 5.0..=150.0).suffix("°").text(texts::FIELD_OF_VIEW)).changed() {
@@ -46,6 +46,7 @@ pub(super) fn lay_out(
     });
     let slider = Slider::new(lod_error_px, 0.0..=8.0).step_by(0.5).custom_formatter(|px, _| texts::pixels_or_off(px));
     ui.add(slider.text(texts::DETAIL));
+    ui.checkbox(occlusion, texts::OCCLUSION).on_hover_text(texts::WHY_OCCLUSION);
     let mut limited = budget_ms.is_some();
     ui.horizontal(|ui| {
         ui.checkbox(&mut limited, texts::LOWER_RESOLUTION);
