@@ -4,6 +4,7 @@ use std::ffi::CStr;
 
 use ash::{khr, vk};
 
+use super::address_space::check_address_space;
 use super::caps::DeviceCaps;
 use super::context::{GpuOptions, QueueLock};
 use super::error::GpuError;
@@ -85,6 +86,7 @@ impl OwnedDevice {
         caps: &DeviceCaps,
         options: &GpuOptions,
     ) -> Result<Self, GpuError> {
+        check_address_space(caps)?;
         check_features(instance, physical, caps)?;
         let shows = options.display.is_some();
         if shows {

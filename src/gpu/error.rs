@@ -16,6 +16,18 @@ pub enum GpuError {
         /// Names of the devices that were found.
         found: String,
     },
+    /// The process may use too little memory for the driver to live.
+    #[error(
+        "{device} needs {least_mib} MiB of address space, and this process may use {limit_mib} (ulimit -v); allow more"
+    )]
+    AddressSpace {
+        /// Name of the device.
+        device: String,
+        /// What the process may use, MiB.
+        limit_mib: u64,
+        /// What it should be allowed at least, MiB.
+        least_mib: u64,
+    },
     /// The device lacks something this program needs.
     #[error("device {device} lacks {feature}, which this program needs; choose another device with --device")]
     MissingFeature {

@@ -8,6 +8,7 @@
 //! of the caller's ([`RawDevice`] lists what it must have). `Gpu::raw_*`, [`Gpu::with_queue`], [`Recorder::raw_copy`]
 //! and [`Recorder::submit_between`] are what a window system needs. See "Embedding" in the crate's documentation.
 
+mod address_space;
 pub mod barrier;
 pub mod buffer;
 pub mod caps;

@@ -26,6 +26,26 @@ fn with_limit(limit: u64) -> Command {
     command
 }
 
+/// Less memory than lavapipe survives is one line.
+#[test]
+fn little_address_space_is_one_line() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("chairs.instgs");
+    save_scene(&scene, &chairs()).unwrap();
+    for kilobytes in ["400000", "700000", "900000"] {
+        let mut command = Command::new("sh");
+        command.args(["-c", "ulimit -v \"$0\" && exec \"$@\"", kilobytes]).arg(built("instgs-vk"));
+        command.current_dir(repository()).args(["render", "--orbit", "1", "--size", "32x24", "--device", "llvmpipe"]);
+        let output = command.arg("--scene").arg(&scene).arg("--out").arg(folder.path().join("out")).output().unwrap();
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{kilobytes} kB: {words}");
+        assert!(words.starts_with("error: ") && words.lines().count() == 1, "{kilobytes} kB: {words}");
+    }
+}
+
 /// Sizes from one block to those of all of a file of `bytes`, in blocks.
 fn sizes(bytes: u64) -> impl Iterator<Item = u64> {
     let (count, most) = (rounds(FEW_SIZES).clamp(2, 20), (bytes / BLOCK_BYTES).max(2) as f64);
