@@ -39,7 +39,7 @@ layout(scalar, push_constant) uniform EmitParams {
     uint capacity;  // elements of tile_keys
 };
 
-layout(constant_id = 12) const uint LAYERED = 0;  // 1 = the frame is drawn in layers
+#include "layers.glsl"
 
 // 1 = the sort carries emission indices, so that the backward pass finds where each intersection adds to its splat.
 layout(constant_id = 3) const uint TRAINING = 0;

@@ -8,6 +8,7 @@ use super::scene_traits::SceneTraits;
 use super::variant::Variant;
 use super::*;
 use crate::gpu::interface::Kernel;
+use crate::gpu::interface::constants::LAYERS;
 use crate::gpu::{Gpu, GpuError, Pipeline, PipelineCache};
 use crate::scene::DevicePrecision;
 
@@ -39,6 +40,16 @@ pub enum Purpose {
     Layered,
     /// Training: they keep what the backward pass needs.
     Training,
+}
+
+impl Purpose {
+    /// Index of a frame's rearmost depth layer: 0 for one in a single piece.
+    pub fn last_layer(self) -> u32 {
+        match self {
+            Self::Layered => LAYERS - 1,
+            Self::Whole | Self::Training => 0,
+        }
+    }
 }
 
 /// The kernels that frames in depth layers have besides.

@@ -38,7 +38,7 @@ impl FrameSlot {
     ) -> Result<Capacities, GpuError> {
         let mut counters = [0; COUNTER_COUNT as usize];
         counters[COUNTER_INSTANCES as usize] = inputs.scene.instance_count;
-        counters[COUNTER_LAST_LAYER as usize] = if inputs.pipelines.layers.is_some() { LAYERS - 1 } else { 0 };
+        counters[COUNTER_LAST_LAYER as usize] = inputs.pipelines.purpose.last_layer();
         write_counters(&mut self.counters_start, &counters);
         let bytes = self.counters_start.bytes();
         self.recorder.copy(&self.counters_start, &mut frame.scratch.counters, bytes)?;

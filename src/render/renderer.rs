@@ -79,16 +79,36 @@ enum Start {
     Slab,
 }
 
+/// Forward kernels by what they are for, so that a view that changes between the two does not compile anew.
+#[derive(Default)]
+struct PipelineSets {
+    whole: Option<Pipelines>,
+    layered: Option<Pipelines>,
+}
+
+impl PipelineSets {
+    fn of(&self, purpose: Purpose) -> Option<&Pipelines> {
+        match purpose {
+            Purpose::Layered => self.layered.as_ref(),
+            Purpose::Whole | Purpose::Training => self.whole.as_ref(),
+        }
+    }
+
+    fn set(&mut self, pipelines: Pipelines) {
+        match pipelines.purpose {
+            Purpose::Layered => self.layered = Some(pipelines),
+            Purpose::Whole | Purpose::Training => self.whole = Some(pipelines),
+        }
+    }
+}
+
 /// Renders one scene at a time and keeps its frame buffers between frames.
 pub struct Renderer {
     gpu: Arc<Gpu>,
     cache: PipelineCache,
     variant: Variant,
     primitives: Primitives,
-    /// For whole pictures.
-    pipelines: Option<Pipelines>,
-    /// For pictures in depth layers.
-    layered_pipelines: Option<Pipelines>,
+    pipelines: PipelineSets,
     frame: Option<FrameBuffers>,
     capacities: Capacities,
     /// The largest intersection buffer that could be allocated.
@@ -137,8 +157,7 @@ impl Renderer {
             cache,
             variant,
             primitives,
-            pipelines: None,
-            layered_pipelines: None,
+            pipelines: PipelineSets::default(),
             frame: None,
             capacities: INITIAL,
             most_intersections: u32::MAX,
@@ -256,7 +275,7 @@ impl Renderer {
         if extra.is_empty() {
             return Ok(());
         }
-        let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
+        let (Some(pipelines), Some(frame)) = (&self.pipelines.whole, &self.frame) else { unreachable_state() };
         extra.prepare(&self.cache, pipelines.variant, &frame.plan)
     }
 
@@ -268,11 +287,7 @@ impl Renderer {
         camera: &Camera,
         options: &RenderOptions,
     ) -> (ForwardInputs<'a>, &'a mut FrameBuffers) {
-        let pipelines = match purpose {
-            Purpose::Layered => &self.layered_pipelines,
-            Purpose::Whole | Purpose::Training => &self.pipelines,
-        };
-        let (Some(pipelines), Some(frame)) = (pipelines, &mut self.frame) else { unreachable_state() };
+        let (Some(pipelines), Some(frame)) = (self.pipelines.of(purpose), &mut self.frame) else { unreachable_state() };
         let view = view_of(camera, options);
         (Self::inputs(pipelines, &self.primitives, &self.gpu, scene, view, options), frame)
     }
@@ -285,10 +300,7 @@ impl Renderer {
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
         let view = view_of(camera, options);
-        let last_layer = match each.purpose(options) {
-            Purpose::Layered => LAYERS - 1,
-            Purpose::Whole | Purpose::Training => 0,
-        };
+        let last_layer = each.purpose(options).last_layer();
         let mut redone = 0;
         'frame: loop {
             self.prepare_frame(scene, camera, options)?;
@@ -341,12 +353,8 @@ impl Renderer {
         size_px: [u32; 2],
     ) -> Result<(), RenderError> {
         let variant = Variant { tile_size: tile_size_for(&self.gpu, &self.variant, size_px), ..self.variant };
-        let pipelines = match purpose {
-            Purpose::Layered => &mut self.layered_pipelines,
-            Purpose::Whole | Purpose::Training => &mut self.pipelines,
-        };
-        if pipelines.as_ref().is_none_or(|p| p.traits != traits || p.variant != variant) {
-            *pipelines = Some(Pipelines::new(&self.gpu, &self.cache, variant, traits, purpose)?);
+        if self.pipelines.of(purpose).is_none_or(|p| p.traits != traits || p.variant != variant) {
+            self.pipelines.set(Pipelines::new(&self.gpu, &self.cache, variant, traits, purpose)?);
         }
         Ok(())
     }
@@ -419,10 +427,7 @@ impl Renderer {
         counters: Counters,
         start: Start,
     ) -> Result<Counters, RenderError> {
-        let pipelines = match each.purpose(options) {
-            Purpose::Layered => &self.layered_pipelines,
-            Purpose::Whole | Purpose::Training => &self.pipelines,
-        };
+        let pipelines = self.pipelines.of(each.purpose(options));
         let (Some(pipelines), Some(frame)) = (pipelines, &mut self.frame) else { unreachable_state() };
         let inputs = Self::inputs(pipelines, &self.primitives, &self.gpu, scene, view, options);
         let recorder = &mut self.recorder;
@@ -454,7 +459,7 @@ impl Renderer {
     /// Calls the host after a slab, if it asked for that.
     fn slab_done(&self, each: &mut EachSlab<'_>, first: bool, counters: &Counters) -> Result<(), RenderError> {
         let EachSlab::List(after_slab) = each else { return Ok(()) };
-        let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
+        let (Some(pipelines), Some(frame)) = (&self.pipelines.whole, &self.frame) else { unreachable_state() };
         let (variant, last) = (pipelines.variant, is_last(counters));
         after_slab(BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant, frame, first, last })
     }

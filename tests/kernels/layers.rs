@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use instgs_reference::layers as twin;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::{download, upload};
-use instgs_vk::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder};
+use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::pipelines::LayerPipelines;
 use instgs_vk::kernels::{Pipelines, Purpose, SceneTraits, Variant, close_tiles, next_layer, plan_layers};
 use instgs_vk::math::rng::Rng;
@@ -205,6 +205,14 @@ fn pipelines(gpu: &Arc<Gpu>, tile_size: u32) -> LayerPipelines {
     Pipelines::new(gpu, &cache, variant, SceneTraits::plain(0), Purpose::Layered).unwrap().layers.unwrap()
 }
 
+/// Runs what `record` records, and waits for it.
+fn run(gpu: &Arc<Gpu>, record: impl FnOnce(&mut Recorder) -> Result<(), GpuError>) {
+    let mut recorder = Recorder::new(gpu).unwrap();
+    record(&mut recorder).unwrap();
+    let ticket = recorder.submit().unwrap();
+    recorder.wait(ticket).unwrap();
+}
+
 /// Where the layers begin, and the end of the last.
 fn bounds_of(counters: &[u32]) -> Vec<u32> {
     counters[COUNTER_LAYER_BEGIN as usize..][..=LAYERS as usize].to_vec()
@@ -221,11 +229,8 @@ fn bounds_are_those_of_the_twin() {
             let bins = twin::layer_bins(&depths);
             let layer_bins = upload(&gpu, "layer_bins", &bins).unwrap();
             let mut counters = Buffer::new(&gpu, "counters", COUNTER_COUNT as usize).unwrap();
-            let mut recorder = Recorder::new(&gpu).unwrap();
             let bindings = plan_layers::Bindings { layer_bins: &layer_bins, counters: &mut counters };
-            recorder.dispatch(&pipelines.plan_layers, Grid::groups(1), &(), bindings).unwrap();
-            let ticket = recorder.submit().unwrap();
-            recorder.wait(ticket).unwrap();
+            run(&gpu, |recorder| recorder.dispatch(&pipelines.plan_layers, Grid::groups(1), &(), bindings));
             let got = bounds_of(&download(&gpu, &counters, COUNTER_COUNT as usize).unwrap());
             assert_eq!(got, twin::layer_bounds(&bins), "{chunks} chunks, spread {spread}");
             assert!(got.is_sorted());
@@ -245,13 +250,10 @@ fn the_log_is_that_of_the_twin() {
         (counters[COUNTER_LAYER as usize], counters[COUNTER_INCOMPLETE as usize]) = (case % (LAYERS - 1), case / 30);
         let capacities = [3 + rng.index(3) as u32, 3 + rng.index(3) as u32];
         let mut on_device = upload(&gpu, "counters", &counters).unwrap();
-        let mut recorder = Recorder::new(&gpu).unwrap();
         let bindings = next_layer::Bindings { counters: &mut on_device };
-        recorder
-            .dispatch(&pipelines.next_layer, Grid::groups(1), &next_layer::Params { capacities }, bindings)
-            .unwrap();
-        let ticket = recorder.submit().unwrap();
-        recorder.wait(ticket).unwrap();
+        run(&gpu, |recorder| {
+            recorder.dispatch(&pipelines.next_layer, Grid::groups(1), &next_layer::Params { capacities }, bindings)
+        });
         let want = twin::next_layer(counters, capacities);
         assert_eq!(download(&gpu, &on_device, COUNTER_COUNT as usize).unwrap(), want, "case {case}");
         incomplete += want[COUNTER_INCOMPLETE as usize];
@@ -295,12 +297,11 @@ fn closed_tiles_are_those_of_the_twin() {
                 let depths = upload(&gpu, "depths", &depths).unwrap();
                 let count = (tiles[0] * tiles[1]) as usize;
                 let mut closed_runs = upload(&gpu, "closed_runs", &vec![77u32; count]).unwrap();
-                let mut recorder = Recorder::new(&gpu).unwrap();
                 let bindings = close_tiles::Bindings { depths: &depths, closed_runs: &mut closed_runs };
                 let params = close_tiles::Params { size_px, tiles };
-                recorder.dispatch(&pipelines.close_tiles, Grid::groups(tiles[1]), &params, bindings).unwrap();
-                let ticket = recorder.submit().unwrap();
-                recorder.wait(ticket).unwrap();
+                run(&gpu, |recorder| {
+                    recorder.dispatch(&pipelines.close_tiles, Grid::groups(tiles[1]), &params, bindings)
+                });
                 let got = download(&gpu, &closed_runs, count).unwrap();
                 assert!(got == twin::closed_runs(&live, size_px, tile_size), "{size_px:?}, {live_share}");
             }

@@ -37,7 +37,7 @@ impl LoadedScene {
 /// The same as [`load_scene`], with the background in an order that is fast to draw ([`InstancedScene::order_background`]).
 ///
 /// # Errors
-/// As [`load_scene`].
+/// The file cannot be read, its ending is of no format that [`load_scene`] reads, or its content is damaged.
 pub fn load_scene_to_draw(path: &Path) -> Result<LoadedScene, IoError> {
     let mut loaded = load_scene(path)?;
     loaded.scene.order_background();
