@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::Gaussians;
+use crate::scene::lod::{FittedLevel, NO_NEXT_CELL};
 use crate::scene::offsets::Offsets;
 use crate::scene::pixel_filter::PixelFilter;
 
@@ -91,6 +92,8 @@ pub struct InstancedScene {
     pub offsets: Offsets,
     /// World-frame Gaussians that belong to no instance.
     pub background: Gaussians,
+    /// Optimised levels of detail of its templates, in any order; templates without use merged ones.
+    pub fitted_levels: Vec<FittedLevel>,
     /// The pixel filter that the scene was trained with; renderers should use it.
     pub pixel_filter: PixelFilter,
     /// Groups of instances with names and mask ids.
@@ -155,6 +158,7 @@ impl InstancedScene {
         self.templates.tensor_bytes()
             + self.own.tensor_bytes()
             + self.background.tensor_bytes()
+            + self.fitted_levels.iter().map(|level| level.gaussians.tensor_bytes()).sum::<u64>()
             + self.offsets.tensor_bytes()
             + self.instance_bytes() * self.instances.len() as u64
             + 8 * self.template_ranges.len() as u64
@@ -209,6 +213,7 @@ impl InstancedScene {
             return fail("instance.color_from_template", reason);
         }
         self.validate_own()?;
+        self.validate_levels()?;
         let finite = |matrix: &ColorMatrix| matrix.as_flattened().iter().all(|v| v.is_finite());
         if let Some(k) = self.color_from_template.iter().position(|matrix| !finite(matrix)) {
             return fail("instance.color_from_template", format!("that of instance {k} is not finite"));
@@ -252,6 +257,24 @@ impl InstancedScene {
         };
         let own_ranges = self.own_ranges.iter().map(&mut pack).collect();
         Cow::Owned(Self { own, own_ranges, ..self.clone() })
+    }
+
+    /// Checks the optimised levels of detail.
+    fn validate_levels(&self) -> Result<(), SceneError> {
+        let fail = |tensor: &str, reason: String| Err(SceneError { tensor: tensor.into(), reason });
+        for (l, level) in self.fitted_levels.iter().enumerate() {
+            let [own, template] = [level.gaussians.sh_degree, self.templates.sh_degree];
+            if own != template {
+                return fail("level.sh", format!("has degree {own} where template.sh has {template}"));
+            }
+            if let Some((field, len, want)) = level.gaussians.wrong_length() {
+                return fail(&format!("level.{field}"), format!("{len} entries in level {l} instead of {want}"));
+            }
+            if !(level.cell > 0.0 && level.cell < NO_NEXT_CELL) {
+                return fail("level.cell", format!("that of level {l} is {}, not a length", level.cell));
+            }
+        }
+        Ok(())
     }
 
     /// Checks the ranges of instances' own Gaussians.

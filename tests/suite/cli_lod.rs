@@ -101,3 +101,50 @@ fn errors_that_make_no_sense_are_wrong_usage() {
         program().args(["synth", "orchard", "--out", "x", "--flight", wrong]).assert().code(2);
     }
 }
+
+/// Optimised levels are nearer to the full picture, are kept once, and say what they are of.
+#[test]
+fn levels_are_optimised_and_stored() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scene = balls(folder.path());
+    let levels = |scene: &Path, out: &Path, more: &[&str]| {
+        let mut command = program();
+        command.env("INSTGS_VALIDATION", "1").arg("levels").arg(scene).arg("--out").arg(out);
+        command.args(["--steps", "60", "--views", "12", "--json"]).args(more);
+        command
+    };
+    let first = json_of(&mut levels(&scene, &at("a.instgs"), &[]));
+    let rows = first["templates"][0]["levels"].as_array().unwrap();
+    assert!(rows.len() > 3 && first["templates"][0]["gaussians"] == 400);
+    let db = |row: &Value, field: &str| row[field].as_f64().unwrap();
+    let gains: Vec<f64> = rows.iter().map(|row| db(row, "fitted_psnr_db") - db(row, "merged_psnr_db")).collect();
+    assert!(gains.iter().all(|&gain| gain > 1.0), "{gains:?}");
+    // The same command, the same bytes; levels that are there are not made again.
+    levels(&scene, &at("b.instgs"), &[]).assert().success();
+    assert!(fs::read(at("a.instgs")).unwrap() == fs::read(at("b.instgs")).unwrap());
+    let second = json_of(&mut levels(&at("a.instgs"), &at("c.instgs"), &[]));
+    assert!(
+        second["templates"][0]["skipped"] == true && second["templates"][0]["levels"].as_array().unwrap().is_empty()
+    );
+    assert!(fs::read(at("a.instgs")).unwrap() == fs::read(at("c.instgs")).unwrap());
+    let again = json_of(&mut levels(&at("a.instgs"), &at("d.instgs"), &["--again", "--seed", "1"]));
+    assert!(again["templates"][0]["skipped"] == false);
+    assert!(fs::read(at("a.instgs")).unwrap() != fs::read(at("d.instgs")).unwrap());
+    // What they are for.
+    let to_full = |scene: &Path| {
+        let bench = ["bench", "--orbit", "3", "--size", "64x48", "--frames", "3", "--lod", "2", "--json"];
+        json_of(&mut watched(&bench, scene))["rows"][1]["psnr_to_full"].as_f64().unwrap()
+    };
+    let [merged, fitted] = [to_full(&scene), to_full(&at("a.instgs"))];
+    assert!(fitted > merged + 1.0, "{fitted} {merged}");
+    program().arg("levels").arg(&scene).args(["--out", "x.ply"]).assert().code(1);
+    let cloud = at("cloud.ply");
+    program().args(["export", "--scene"]).arg(&scene).arg("--to").arg(&cloud).assert().success();
+    let refused = program().arg("levels").arg(&cloud).arg("--out").arg(at("x.instgs")).assert().code(1);
+    let text = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+    assert!(text.contains("has no instances") && text.trim_end().lines().count() == 1, "{text}");
+}

@@ -81,6 +81,7 @@ struct HostParts {
     offsets: u64,
     instances: u64,
     template_ranges: u64,
+    levels: u64,
 }
 
 pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError> {
@@ -108,6 +109,7 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
             offsets: scene.offsets.tensor_bytes(),
             instances: scene.instance_bytes() * scene.instances.len() as u64,
             template_ranges: RANGE_BYTES * scene.template_ranges.len() as u64,
+            levels: scene.fitted_levels.iter().map(|level| level.gaussians.tensor_bytes()).sum(),
         },
         device_parts,
         device_precision,
@@ -166,6 +168,7 @@ fn print(report: &Inspection, printer: &Printer) {
             ("offsets", file_sums.offsets),
             ("instances", file_sums.instances),
             ("template ranges", file_sums.template_ranges),
+            ("levels of detail", file_sums.levels),
             ("foreign tensors", file_sums.foreign),
             ("header", file_sums.header),
         ]),
@@ -181,6 +184,7 @@ fn print(report: &Inspection, printer: &Printer) {
             ("offsets", host_parts.offsets),
             ("instances", host_parts.instances),
             ("template ranges", host_parts.template_ranges),
+            ("levels of detail", host_parts.levels),
         ]),
     );
     section(

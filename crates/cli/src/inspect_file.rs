@@ -34,6 +34,7 @@ pub(super) enum Purpose {
     Offsets,
     Instances,
     TemplateRanges,
+    Levels,
     Foreign,
     Header,
 }
@@ -49,6 +50,8 @@ pub(super) struct FileSums {
     pub(super) offsets: u64,
     pub(super) instances: u64,
     pub(super) template_ranges: u64,
+    /// Optimised levels of detail of templates.
+    pub(super) levels: u64,
     /// Tensors of names that this version does not know.
     pub(super) foreign: u64,
     /// Length field, names, metadata and padding.
@@ -65,6 +68,7 @@ impl FileSums {
             offsets: sum(Purpose::Offsets),
             instances: sum(Purpose::Instances),
             template_ranges: sum(Purpose::TemplateRanges),
+            levels: sum(Purpose::Levels),
             foreign: sum(Purpose::Foreign),
             header: sum(Purpose::Header),
         }
@@ -159,10 +163,12 @@ fn purpose_of(tensor: &str) -> Purpose {
     const OFFSETS: [&str; 8] =
         ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", "range", "precision"];
     const INSTANCES: [&str; 5] = ["template", "world_from_template", "first_offset", "color_from_template", "own"];
+    const LEVELS: [&str; 3] = ["ranges", "cell", "template_print"];
     let name = [SUFFIX, CODED].iter().find_map(|suffix| tensor.strip_suffix(suffix)).unwrap_or(tensor);
     match name.split_once('.') {
         Some(("template", "ranges")) => Purpose::TemplateRanges,
         Some(("template", field)) if CLOUD.contains(&field) => Purpose::Templates,
+        Some(("level", field)) if CLOUD.contains(&field) || LEVELS.contains(&field) => Purpose::Levels,
         Some(("own", field)) if CLOUD.contains(&field) => Purpose::Own,
         Some(("background", field)) if CLOUD.contains(&field) => Purpose::Background,
         Some(("offset", field)) if OFFSETS.contains(&field) => Purpose::Offsets,
@@ -176,20 +182,22 @@ mod tests {
     use super::*;
     use instgs_io::Pack;
     use instgs_io::scene_write::packed_scene_file_bytes;
-    use instgs_samples::{with_ablations, with_own};
+    use instgs_samples::{with_ablations, with_levels, with_own};
 
     #[test]
     fn parts_add_up_to_the_file() -> Result<(), CliError> {
         let path = Path::new("x.instgs");
         let packs = [Pack::F32, Pack::F16, Pack::Q8, Pack::Small];
-        for (pack, scene) in packs.iter().flat_map(|&pack| [(pack, with_ablations()), (pack, with_own())]) {
-            let bytes = packed_scene_file_bytes(&scene, pack, path)?;
+        let scenes = [with_ablations(), with_own(), with_levels()];
+        for (pack, scene) in packs.iter().flat_map(|&pack| scenes.iter().map(move |scene| (pack, scene))) {
+            let bytes = packed_scene_file_bytes(scene, pack, path)?;
             let parts = tensor_parts(&bytes, path)?;
             assert_eq!(parts.iter().map(|p| p.bytes).sum::<u64>(), bytes.len() as u64);
             let sums = FileSums::of(&parts);
             let gaussians = sums.templates + sums.own + sums.background;
             assert_eq!(sums.own > 0, !scene.own.is_empty());
-            let tables = sums.offsets + sums.instances + sums.template_ranges;
+            assert_eq!(sums.levels > 0, !scene.fitted_levels.is_empty() && pack != Pack::Small);
+            let tables = sums.offsets + sums.instances + sums.template_ranges + sums.levels;
             assert_eq!(gaussians + tables + sums.foreign + sums.header, bytes.len() as u64);
             // Two foreign tensors of 3 and 8 bytes.
             assert_eq!((sums.foreign, sums.instances), (11, scene.instance_bytes() * scene.instances.len() as u64));

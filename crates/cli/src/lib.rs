@@ -20,6 +20,7 @@ mod inspect;
 mod inspect_file;
 mod inspect_groups;
 mod join;
+mod levels;
 pub mod lpips_args;
 pub mod mask_args;
 mod masks;
@@ -67,6 +68,7 @@ enum Command {
     Export(export::ExportArgs),
     Edit(edit::EditArgs),
     Prune(prune::PruneArgs),
+    Levels(levels::LevelsArgs),
     Train(train::TrainArgs),
     Masks(masks::MasksArgs),
     Segment(stages::segment::SegmentArgs),
@@ -106,6 +108,7 @@ impl Command {
             Self::Export(args) => args.json,
             Self::Edit(args) => args.json,
             Self::Prune(args) => args.json,
+            Self::Levels(args) => args.json,
             Self::Train(args) => args.json,
             Self::Masks(args) => args.json,
             Self::Segment(args) => args.json,
@@ -130,6 +133,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<ExitCode, CliError> {
         Command::Export(args) => export::run(args, &cli.device, printer),
         Command::Edit(args) => edit::run(args, printer),
         Command::Prune(args) => prune::run(args, &cli.device, printer),
+        Command::Levels(args) => levels::run(args, &cli.device, printer),
         Command::Train(args) => train::run(args, &cli.device, printer),
         Command::Masks(args) => masks::run(args, &cli.device, printer),
         Command::Segment(args) => stages::segment::run(args, &cli.device, printer),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::{ExportFormat, ExportedScene, SpzLoss};
+use crate::{ExportFormat, ExportedScene, Pack, SpzLoss};
 use instgs_vk::scene::{InstancedScene, PixelFilter};
 
 impl ExportedScene {
@@ -19,6 +19,18 @@ impl ExportedScene {
                 "other viewers widen splats by {usual} px^2 instead of this scene's {dilation}, which blurs what is finer than \
                  their pixels; here, .ply keeps it, and other formats are rendered with --dilation {dilation}"
             ));
+        }
+        let (levels, current) = (scene.fitted_levels.len(), scene.current_levels().len());
+        match format {
+            ExportFormat::Instgs(Pack::Small) if levels > 0 => notes.push(
+                "optimised levels of detail are not part of small files; instgs-vk levels makes them again".into(),
+            ),
+            ExportFormat::Instgs(_) if current < levels => notes.push(format!(
+                "{} of {levels} levels of detail were of templates that are changed now, and are left out; instgs-vk levels \
+                 makes new ones",
+                levels - current
+            )),
+            _ => {}
         }
         let unlike = (0..scene.instances.len()).filter(|&k| !scene.looks_like_template(k)).count();
         if format == ExportFormat::SogFolder && unlike > 0 {
@@ -80,6 +92,21 @@ mod tests {
         {
             assert!(text.contains(part) && !text.contains('\n'), "{text}");
         }
+    }
+
+    #[test]
+    fn levels_that_a_file_lacks_are_named() {
+        let mut scene = instgs_samples::with_levels();
+        scene.pixel_filter = PixelFilter::default();
+        let notes = |scene: &InstancedScene, pack| {
+            ExportedScene::default().notes(Path::new("x"), scene, ExportFormat::Instgs(pack))
+        };
+        assert_eq!(notes(&scene, Pack::F16), [""; 0]);
+        let small = notes(&scene, Pack::Small);
+        assert!(small.len() == 1 && small[0].contains("not part of small files"), "{small:?}");
+        scene.templates.means[0][0] += 1.0;
+        let stale = notes(&scene, Pack::F32);
+        assert!(stale.len() == 1 && stale[0].contains("2 of 3 levels of detail were"), "{stale:?}");
     }
 
     #[test]

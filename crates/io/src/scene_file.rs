@@ -19,6 +19,7 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, SourceRange};
+use instgs_vk::scene::lod::FittedLevel;
 use instgs_vk::scene::offsets::Offsets;
 
 pub(crate) const FORMAT: &str = "instgs/1";
@@ -94,6 +95,7 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
     scene.color_from_template = colors.as_chunks().0.as_chunks().0.to_vec();
     scene.own_ranges = reader.ranges("instance.own")?;
     scene.offsets = reader.offsets(&scene)?;
+    scene.fitted_levels = reader.levels()?;
     scene.validate().map_err(|e| IoError::new(path, e.reason).at(Place::Tensor(e.tensor)))?;
     for (name, view) in reader.left {
         let foreign = ForeignTensor {
@@ -308,6 +310,42 @@ impl<'a> Reader<'a> {
             instances.push(Instance { template: templates[k], world_from_template, first_offset });
         }
         Ok(instances)
+    }
+
+    /// Optimised levels of detail, as ranges of one cloud.
+    fn levels(&mut self) -> Result<Vec<FittedLevel>, IoError> {
+        const RANGES: &str = "level.ranges";
+        const CELLS: &str = "level.cell";
+        const PRINTS: &str = "level.template_print";
+        if !self.any(&[RANGES, CELLS, PRINTS, "level.means"]) {
+            return Ok(Vec::new());
+        }
+        let cloud = self.cloud("level")?;
+        let ranges = self.ranges(RANGES)?;
+        let cells = self.floats(CELLS, &[], Some(ranges.len()))?;
+        let prints = self.u32s(PRINTS, &[2])?;
+        let prints: &[[u32; 2]] = prints.as_chunks().0;
+        if prints.len() != ranges.len() {
+            let what = format!("has {} rows where {RANGES} has {}", prints.len(), ranges.len());
+            return Err(self.error(PRINTS, what));
+        }
+        // One after another, so that a file cannot claim more Gaussians than it has.
+        let mut end = 0;
+        for (l, range) in ranges.iter().enumerate() {
+            let SourceRange { first, count } = *range;
+            if first as usize != end || cloud.len() - end < count as usize {
+                let what =
+                    format!("level {l} has {count} Gaussians from {first}, not some of {} from {end}", cloud.len());
+                return Err(self.error(RANGES, what));
+            }
+            end += count as usize;
+        }
+        let level = |((range, &cell), &[low, high]): ((&SourceRange, &f32), &[u32; 2])| FittedLevel {
+            template_print: u64::from(high) << 32 | u64::from(low),
+            cell,
+            gaussians: cloud.range(*range),
+        };
+        Ok(ranges.iter().zip(&cells).zip(prints).map(level).collect())
     }
 
     /// The offsets of a scene whose templates and instances have been read.

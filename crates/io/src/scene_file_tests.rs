@@ -1,7 +1,7 @@
 use super::*;
 use crate::scene_pack::floats;
 use crate::scene_write::{assemble, scene_file_bytes, u32s};
-use instgs_samples::{sample, sample_scene, with_ablations, with_own};
+use instgs_samples::{sample, sample_scene, with_ablations, with_levels, with_own};
 
 #[test]
 fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoError> {
@@ -10,7 +10,9 @@ fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoEr
     let mut colored = sample_scene();
     let matrix = |k: usize| [0, 1, 2].map(|r| [0, 1, 2, 3].map(|c| (100 * k + 10 * r + c) as f32));
     colored.color_from_template = (0..4).map(matrix).collect();
-    for scene in [sample_scene(), with_ablations(), colored, with_own(), InstancedScene::default(), cloud] {
+    let scenes =
+        [sample_scene(), with_ablations(), colored, with_own(), with_levels(), InstancedScene::default(), cloud];
+    for scene in scenes {
         let bytes = scene_file_bytes(&scene, path)?;
         for _ in 0..5 {
             let back = parse_scene_file(&bytes, path)?;
@@ -91,6 +93,25 @@ fn errors_name_the_tensor_and_the_reason() {
         drop(t.insert("instance.color_from_template".into(), floats(&[4, 3, 4], &[f32::INFINITY; 48])));
     }));
     assert!(infinite.contains("that of instance 0 is not finite"), "{infinite}");
+    let levels =
+        |change: fn(&mut BTreeMap<String, ForeignTensor>)| text(changed_file(&with_levels(), |t, _| change(t)));
+    for (tensor, shape, values, reason) in [
+        ("level.ranges", &[3, 2][..], &[0, 2, 2, 1, 3, 2][..], "level 2 has 2 Gaussians from 3, not some of 4 from 3"),
+        ("level.ranges", &[3, 2], &[0, 2, 1, 1, 2, 1], "level 1 has 1 Gaussians from 1, not some of 4 from 2"),
+        ("level.ranges", &[3, 2], &[0, u32::MAX, 1, 1, 2, 1], "level 0 has 4294967295 Gaussians from 0"),
+        ("level.template_print", &[2, 2], &[0; 4], "has 2 rows where level.ranges has 3"),
+    ] {
+        let changed = text(changed_file(&with_levels(), |t, _| {
+            drop(t.insert(tensor.into(), u32s(shape, values.iter().copied())));
+        }));
+        assert!(changed.contains(tensor) && changed.contains(reason), "{changed}");
+    }
+    let cells = levels(|t| drop(t.insert("level.cell".into(), floats(&[3], &[0.5, f32::NAN, 1.0]))));
+    assert!(cells.contains("level.cell: that of level 1 is NaN"), "{cells}");
+    let degree = levels(|t| drop(t.insert("level.sh".into(), floats(&[4, 1, 3], &[0.0; 12]))));
+    assert!(degree.contains("level.sh: has degree 0 where template.sh has 2"), "{degree}");
+    let lone = levels(|t| drop(t.remove("level.cell")));
+    assert!(lone.contains("level.cell: is missing"), "{lone}");
     let own = |change: fn(&mut BTreeMap<String, ForeignTensor>)| text(changed_file(&with_own(), |t, _| change(t)));
     let unowned = own(|t| drop(t.remove("instance.own")));
     assert!(unowned.contains("instance.own: is missing"), "{unowned}");

@@ -59,7 +59,7 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         let what = format!("unknown scene format \".{extension}\"");
         return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz, .sog, .splat or .glb"));
     }
-    let (mut scene, notes, file_bytes, format) = if sog::is_unpacked(path) {
+    let (mut scene, mut notes, file_bytes, format) = if sog::is_unpacked(path) {
         let SogCloud { gaussians, antialias, file_bytes } = sog::read_sog(path)?;
         (of_cloud(gaussians, antialias), Vec::new(), file_bytes, extension)
     } else {
@@ -78,6 +78,13 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
     if before > 0 && dropped_non_finite == before {
         return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters"))
             .advise("its training failed: train it again, or export it anew"));
+    }
+    let stale = scene.drop_stale_levels();
+    if stale > 0 {
+        notes.push(format!(
+            "{stale} of its levels of detail are of templates that were changed since, and are left out; instgs-vk levels makes new \
+             ones"
+        ));
     }
     Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes, format })
 }
@@ -144,7 +151,8 @@ fn extension(path: &Path) -> String {
 mod tests {
     use super::*;
     use instgs_samples::sample;
-    use instgs_samples::{sample_scene, with_ablations};
+    use instgs_samples::{sample_scene, with_ablations, with_levels};
+    use instgs_vk::scene::lod::template_print;
 
     #[test]
     fn offsets_of_sh_and_shape_follow_their_records() -> Result<(), Box<dyn std::error::Error>> {
@@ -158,6 +166,25 @@ mod tests {
         assert_eq!(scene.offsets.sh_rest, want);
         assert_eq!(scene.offsets.log_scales, kept.map(|m| clean.log_scales[m]));
         assert_eq!(scene.offsets.quats, kept.map(|m| clean.quats[m]));
+        Ok(())
+    }
+
+    #[test]
+    fn levels_of_changed_templates_are_left_out_with_a_note() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("a.instgs");
+        save_scene(&path, &with_levels())?;
+        let loaded = load_scene(&path)?;
+        assert_eq!((loaded.notes.len(), loaded.scene.fitted_levels.len()), (0, 3));
+        // A Gaussian that is not finite is dropped, and with it the levels of its template.
+        let mut scene = with_levels();
+        scene.templates.opacity_logits[4] = f32::NAN;
+        let print = template_print(&scene.templates.range(scene.template_ranges[1]));
+        scene.fitted_levels[2].template_print = print;
+        save_scene(&path, &scene)?;
+        let loaded = load_scene(&path)?;
+        assert_eq!((loaded.dropped_non_finite, loaded.scene.fitted_levels.len()), (1, 2));
+        assert!(loaded.notes.len() == 1 && loaded.notes[0].starts_with("1 of its levels"), "{:?}", loaded.notes);
         Ok(())
     }
 

@@ -86,6 +86,7 @@ fn file_bytes(
         }
         put_cloud(&mut tensors, "background", &scene.background, pack);
         put_offsets(&mut tensors, scene, pack);
+        put_levels(&mut tensors, scene, pack);
     }
     put_instances(&mut tensors, scene);
 
@@ -135,6 +136,27 @@ fn put_instances(tensors: &mut Tensors, scene: &InstancedScene) {
     if !colors.is_empty() {
         put("instance.color_from_template", floats(&[k, 3, 4], colors));
     }
+}
+
+/// The optimised levels of templates as they are; `--pack small` and pages have none.
+fn put_levels(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {
+    let levels = scene.current_levels();
+    if levels.is_empty() {
+        return;
+    }
+    let mut cloud = Gaussians { sh_degree: scene.templates.sh_degree, ..Gaussians::default() };
+    let mut ranges = Vec::with_capacity(levels.len());
+    for level in &levels {
+        ranges.push([cloud.len() as u32, level.gaussians.len() as u32]);
+        cloud.append(&level.gaussians);
+    }
+    put_cloud(tensors, "level", &cloud, pack);
+    let count = levels.len();
+    let cells: Vec<f32> = levels.iter().map(|level| level.cell).collect();
+    let prints = levels.iter().flat_map(|level| [level.template_print as u32, (level.template_print >> 32) as u32]);
+    tensors.insert("level.ranges".into(), u32s(&[count, 2], ranges.into_iter().flatten()));
+    tensors.insert("level.cell".into(), floats(&[count], &cells));
+    tensors.insert("level.template_print".into(), u32s(&[count, 2], prints));
 }
 
 fn put_offsets(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {

@@ -4,7 +4,7 @@ use super::*;
 use crate::scene_file::parse_scene_file;
 use crate::small::Sensitivity;
 use instgs_samples::sample;
-use instgs_samples::{sample_scene, with_ablations, with_own};
+use instgs_samples::{sample_scene, with_ablations, with_levels, with_own};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::instanced_scene::{Instance, SourceRange};
@@ -161,6 +161,24 @@ fn sizes_are_those_of_the_analytic_bound() -> Result<(), IoError> {
         assert_eq!(bytes.len() - header, want, "{pack:?}");
         assert!(header < 2048, "{header}");
     }
+    Ok(())
+}
+
+#[test]
+fn levels_follow_their_templates_into_packed_files() -> Result<(), IoError> {
+    let scene = with_levels();
+    for pack in [Pack::F32, Pack::F16, Pack::Q8] {
+        let back = through(&scene, pack)?;
+        assert_eq!(back.current_levels().len(), 3, "{pack:?}: values of half precision have the same prints");
+        let cells = |scene: &InstancedScene| scene.fitted_levels.iter().map(|level| level.cell).collect::<Vec<_>>();
+        assert_eq!(cells(&back), cells(&scene));
+        assert_eq!(back.fitted_levels[0].gaussians.means, scene.fitted_levels[0].gaussians.means);
+    }
+    assert!(through(&scene, Pack::Small)?.fitted_levels.is_empty());
+    // Those of a template that changed are left out.
+    let mut changed = scene;
+    changed.templates.sh[0][1] += 0.5;
+    assert_eq!(through(&changed, Pack::F32)?.fitted_levels, changed.fitted_levels[2..]);
     Ok(())
 }
 

@@ -6,6 +6,7 @@ use glam::DVec3;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::ForeignTensor;
+use instgs_vk::scene::lod::{FittedLevel, template_print};
 use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, PixelFilter, SourceRange};
 
 /// Twelve cameras on a ring of radius 9 around the origin, 4 above it, looking at it with `up` upwards.
@@ -59,6 +60,7 @@ pub fn sample_scene() -> InstancedScene {
             ..Offsets::default()
         },
         background: sample(3, 4),
+        fitted_levels: Vec::new(),
         pixel_filter: PixelFilter { antialias: true, ..PixelFilter::default() },
         groups: vec![Group { template_id: 0, name: Some("chair \"a\"".into()), instance_ids: vec![4, 9] }],
         source: "test".into(),
@@ -78,6 +80,17 @@ pub fn with_own() -> InstancedScene {
         own_ranges: vec![range(1, 2), range(0, 0), range(1, 2), range(0, 1)],
         ..sample_scene()
     }
+}
+
+/// The sample scene with two optimised levels of detail of its first template and one of its second.
+pub fn with_levels() -> InstancedScene {
+    let scene = sample_scene();
+    let level = |template: usize, cell, count| FittedLevel {
+        template_print: template_print(&scene.templates.range(scene.template_ranges[template])),
+        cell,
+        gaussians: sample(2, count),
+    };
+    InstancedScene { fitted_levels: vec![level(0, 0.5, 2), level(0, 1.0, 1), level(1, 0.75, 1)], ..scene }
 }
 
 /// The sample scene with all kinds of offsets.

@@ -14,10 +14,12 @@
 //! picture at the same number of Gaussians.
 
 mod blocks;
+mod fitted;
 mod ladder;
 pub mod merge;
 mod shown;
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -26,9 +28,11 @@ use crate::math::similarity::Similarity;
 use crate::scene::instanced_scene::ColorMatrix;
 use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
+pub use fitted::{FittedLevel, merged_levels, template_print};
+
 use blocks::block_order;
+use fitted::merged;
 use ladder::{Rung, ladder};
-use merge::Merged;
 use shown::shown_cloud;
 
 /// Value of [`Part::next_cell`] without a coarser level: larger than any cell, and finite in f32.
@@ -110,11 +114,11 @@ impl Levels {
             offsets: scene.offsets.clone(),
             ..Self::default()
         };
-        let rungs: Vec<Vec<(Rung, SourceRange)>> =
+        let of_templates: Vec<Vec<TemplateLevel>> =
             scene.template_ranges.iter().map(|&range| out.push_template(scene, range)).collect();
         for (k, instance) in scene.instances.iter().enumerate() {
             let full = scene.template_ranges[instance.template as usize];
-            let own = &rungs[instance.template as usize];
+            let levels = &of_templates[instance.template as usize];
             out.parts.push(Part {
                 owner: k as u32,
                 cloud: Cloud::Templates,
@@ -123,16 +127,17 @@ impl Levels {
                 first_offset: instance.first_offset,
                 world_from_template: instance.world_from_template,
                 cell: 0.0,
-                next_cell: own.first().map_or(NO_NEXT_CELL, |(rung, _)| rung.cell),
+                next_cell: levels.first().map_or(NO_NEXT_CELL, |level| level.rung.cell),
             });
             out.push_own(scene.own_range(k), full.count);
         }
         let blocks = out.push_blocks(scene);
-        let merged = merged_instances(scene, &rungs, &out.templates);
+        let runs = out.push_offsets(scene, &of_templates);
         let full: Vec<usize> = (0..out.parts.len()).filter(|&p| out.parts[p].cloud == Cloud::Templates).collect();
         for (k, instance) in scene.instances.iter().enumerate() {
             let first = out.parts.len() as u32;
-            out.push_coarser(full[k], &rungs[instance.template as usize], &merged[k]);
+            let run = instance.first_offset.and_then(|first| runs.get(&(instance.template, first)).copied());
+            out.push_coarser(full[k], &of_templates[instance.template as usize], run);
             out.coarser.push(first..out.parts.len() as u32);
         }
         out.parts.extend(blocks);
@@ -148,10 +153,21 @@ impl Levels {
         }
     }
 
-    /// Appends the levels of one template; returns what was merged, and the range of each level.
-    fn push_template(&mut self, scene: &InstancedScene, range: SourceRange) -> Vec<(Rung, SourceRange)> {
+    /// Appends the levels of one template, fitted ones where the scene has them.
+    fn push_template(&mut self, scene: &InstancedScene, range: SourceRange) -> Vec<TemplateLevel> {
         let own = scene.templates.range(range);
-        push_rungs(&mut self.templates, &own)
+        let print = if scene.fitted_levels.is_empty() { 0 } else { template_print(&own) };
+        let mut levels = merged_ladder(&own);
+        for level in &mut levels {
+            let fits = |fitted: &&FittedLevel| {
+                (fitted.template_print, fitted.cell, fitted.gaussians.len())
+                    == (print, level.rung.cell, level.merged.len())
+            };
+            let shown = scene.fitted_levels.iter().find(fits).map_or(&level.merged, |fitted| &fitted.gaussians);
+            level.range.first = self.templates.len() as u32;
+            self.templates.append(shown);
+        }
+        levels
     }
 
     /// Appends the background in blocks, with their parts at full detail; returns the parts of their levels.
@@ -160,18 +176,9 @@ impl Levels {
         let (order, blocks) = block_order(&scene.background);
         order.iter().for_each(|&i| self.background.push_from(&scene.background, i as usize));
         let clouds: Vec<Gaussians> = blocks.iter().map(|&block| self.background.range(block)).collect();
-        let made: Vec<(Gaussians, Vec<(Rung, SourceRange)>)> = clouds
-            .par_iter()
-            .map(|cloud| {
-                let mut levels = Gaussians { sh_degree: cloud.sh_degree, ..Gaussians::default() };
-                let rungs = push_rungs(&mut levels, cloud);
-                (levels, rungs)
-            })
-            .collect();
+        let made: Vec<Vec<TemplateLevel>> = clouds.par_iter().map(merged_ladder).collect();
         let mut coarser = Vec::new();
-        for (&full, (levels, rungs)) in blocks.iter().zip(made) {
-            let shift = self.background.len() as u32;
-            self.background.append(&levels);
+        for (&full, levels) in blocks.iter().zip(made) {
             let part = |range, cell, next_cell| Part {
                 owner,
                 cloud: Cloud::Background,
@@ -182,63 +189,74 @@ impl Levels {
                 cell,
                 next_cell,
             };
-            let cells: Vec<f32> = rungs.iter().map(|(rung, _)| rung.cell).chain([NO_NEXT_CELL]).collect();
+            let cells: Vec<f32> = levels.iter().map(|level| level.rung.cell).chain([NO_NEXT_CELL]).collect();
             self.parts.push(part(full, 0.0, cells[0]));
-            for (r, (rung, range)) in rungs.iter().enumerate() {
-                let range = SourceRange { first: range.first + shift, count: range.count };
-                coarser.push(part(range, rung.cell, cells[r + 1]));
+            for (r, level) in levels.iter().enumerate() {
+                let range = SourceRange { first: self.background.len() as u32, ..level.range };
+                self.background.append(&level.merged);
+                coarser.push(part(range, level.rung.cell, cells[r + 1]));
             }
         }
         coarser
     }
 
-    /// Appends the coarser parts of an instance, whose full detail is `part`, with the offsets in `merged` (one run per
-    /// level) if it has any.
-    fn push_coarser(&mut self, part: usize, rungs: &[(Rung, SourceRange)], merged: &[Offsets]) {
+    /// Appends the offsets of all levels, level by level, for each run of offsets that a template has in the scene: instances
+    /// that share a run share those. Returns the first record by template and first record of the run.
+    fn push_offsets(
+        &mut self,
+        scene: &InstancedScene,
+        of_templates: &[Vec<TemplateLevel>],
+    ) -> BTreeMap<(u32, u32), u32> {
+        let run_of = |instance: &Instance| instance.first_offset.map(|first| (instance.template, first));
+        let runs: BTreeMap<(u32, u32), &Instance> =
+            scene.instances.iter().filter_map(|instance| run_of(instance).map(|run| (run, instance))).collect();
+        let merged = |(run, instance): (&(u32, u32), &&Instance)| {
+            let shown = shown_cloud(scene, instance)?;
+            let levels = &of_templates[run.0 as usize];
+            Some((*run, levels.iter().map(|level| shown.level(scene, level)).collect()))
+        };
+        let merged: Vec<((u32, u32), Vec<Offsets>)> = runs.par_iter().filter_map(merged).collect();
+        let place = |(run, levels): ((u32, u32), Vec<Offsets>)| {
+            let first = self.offsets.len() as u32;
+            levels.iter().for_each(|level| (0..level.len()).for_each(|m| self.offsets.push_from(level, m)));
+            (run, first)
+        };
+        merged.into_iter().map(place).collect()
+    }
+
+    /// Appends the coarser parts of an instance, whose full detail is `part`; `first_offset` is that of the first of them if
+    /// the instance has offsets.
+    fn push_coarser(&mut self, part: usize, levels: &[TemplateLevel], mut first_offset: Option<u32>) {
         let full = self.parts[part].clone();
-        for (r, (rung, range)) in rungs.iter().enumerate() {
-            let first_offset = merged.get(r).map(|run| {
-                let first = self.offsets.len() as u32;
-                (0..run.len()).for_each(|m| self.offsets.push_from(run, m));
-                first
-            });
+        for (r, TemplateLevel { rung, range, .. }) in levels.iter().enumerate() {
             self.parts.push(Part {
                 range: *range,
                 first_offset,
                 cell: rung.cell,
-                next_cell: rungs.get(r + 1).map_or(NO_NEXT_CELL, |(next, _)| next.cell),
+                next_cell: levels.get(r + 1).map_or(NO_NEXT_CELL, |next| next.rung.cell),
                 ..full.clone()
             });
+            first_offset = first_offset.map(|first| first + range.count);
         }
     }
 }
 
-/// Appends the levels of `own` to `cloud`.
-fn push_rungs(cloud: &mut Gaussians, own: &Gaussians) -> Vec<(Rung, SourceRange)> {
-    let rungs = ladder(own);
-    let place = |rung: Rung| {
-        let first = cloud.len() as u32;
-        for members in &rung.members {
-            Merged::of(own, members, None).push_to(cloud);
-        }
-        let count = rung.members.len() as u32;
-        (rung, SourceRange { first, count })
-    };
-    rungs.into_iter().map(place).collect()
+/// One level of a template or of a block of the background.
+struct TemplateLevel {
+    rung: Rung,
+    /// The level's Gaussians in the cloud that it was appended to.
+    range: SourceRange,
+    /// The level by merging, which offsets of instances refer to.
+    merged: Gaussians,
 }
 
-/// For each instance and level, the merged offsets; none for instances without offsets.
-fn merged_instances(
-    scene: &InstancedScene,
-    rungs: &[Vec<(Rung, SourceRange)>],
-    templates: &Gaussians,
-) -> Vec<Vec<Offsets>> {
-    let of_instance = |instance: &Instance| {
-        let Some(own) = shown_cloud(scene, instance) else { return Vec::new() };
-        let of_level = |(rung, range): &(Rung, SourceRange)| own.level(scene, rung, templates, *range);
-        rungs[instance.template as usize].iter().map(of_level).collect()
+/// The levels of a cloud by merging; ranges begin at 0.
+fn merged_ladder(cloud: &Gaussians) -> Vec<TemplateLevel> {
+    let level = |rung: Rung| {
+        let merged = merged(cloud, &rung.members);
+        TemplateLevel { range: SourceRange { first: 0, count: merged.len() as u32 }, rung, merged }
     };
-    scene.instances.par_iter().map(of_instance).collect()
+    ladder(cloud).into_iter().map(level).collect()
 }
 
 #[cfg(test)]

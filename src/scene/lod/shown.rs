@@ -1,9 +1,9 @@
 //! The Gaussians of one instance including its offsets, and the offsets of its merged Gaussians.
 
 use crate::scene::flatten::Local;
-use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
+use crate::scene::{Gaussians, Instance, InstancedScene, Offsets};
 
-use super::ladder::Rung;
+use super::TemplateLevel;
 use super::merge::Merged;
 
 /// A template with an instance's offsets added, in the template's frame.
@@ -33,40 +33,33 @@ impl ShownCloud {
         &self.cloud
     }
 
-    /// The offsets of one level, which is `range` of `templates`: from the template's merged Gaussians to the
-    /// instance's, so that their sum equals merging the instance itself. If shapes have no offsets (or only scales or
-    /// only rotations do, which cannot express a merged shape), the template's shapes are used, and opacities refer to
-    /// those shapes.
-    pub(super) fn level(
-        &self,
-        scene: &InstancedScene,
-        rung: &Rung,
-        templates: &Gaussians,
-        range: SourceRange,
-    ) -> Offsets {
-        let kinds = &scene.offsets;
+    /// The offsets of one level: from the template's merged Gaussians to the instance's, so that their sum equals merging
+    /// the instance itself. If shapes have no offsets (or only scales or only rotations do, which cannot express a merged
+    /// shape), the template's shapes are used, and opacities refer to those shapes.
+    pub(super) fn level(&self, scene: &InstancedScene, level: &TemplateLevel) -> Offsets {
+        let (kinds, of_template) = (&scene.offsets, &level.merged);
         let shapes = !kinds.log_scales.is_empty() && !kinds.quats.is_empty();
         let mut out = Offsets::default();
-        for (members, i) in rung.members.iter().zip(range.first as usize..) {
+        for (i, members) in level.rung.members.iter().enumerate() {
             if let [one] = members.as_slice() {
                 out.push_from(kinds, self.first_offset + *one as usize);
                 continue;
             }
-            let shape = (!shapes).then(|| templates.log_scales[i]);
+            let shape = (!shapes).then(|| of_template.log_scales[i]);
             let own = Merged::of(&self.cloud, members, shape);
             let (log_scales, quat) =
-                if shapes { (own.log_scales, own.quat) } else { (templates.log_scales[i], templates.quats[i]) };
-            out.means.push(minus(own.mean, templates.means[i]));
-            out.sh_dc.push(minus(own.sh[0], templates.sh_of(i)[0]));
-            out.opacity_logits.push(own.opacity_logit - templates.opacity_logits[i]);
+                if shapes { (own.log_scales, own.quat) } else { (of_template.log_scales[i], of_template.quats[i]) };
+            out.means.push(minus(own.mean, of_template.means[i]));
+            out.sh_dc.push(minus(own.sh[0], of_template.sh_of(i)[0]));
+            out.opacity_logits.push(own.opacity_logit - of_template.opacity_logits[i]);
             if !kinds.sh_rest.is_empty() {
-                out.sh_rest.extend(own.sh[1..].iter().zip(&templates.sh_of(i)[1..]).map(|(&a, &b)| minus(a, b)));
+                out.sh_rest.extend(own.sh[1..].iter().zip(&of_template.sh_of(i)[1..]).map(|(&a, &b)| minus(a, b)));
             }
             if !kinds.log_scales.is_empty() {
-                out.log_scales.push(minus(log_scales, templates.log_scales[i]));
+                out.log_scales.push(minus(log_scales, of_template.log_scales[i]));
             }
             if !kinds.quats.is_empty() {
-                out.quats.push(minus(quat, templates.quats[i]));
+                out.quats.push(minus(quat, of_template.quats[i]));
             }
         }
         out

@@ -1,5 +1,6 @@
 use glam::DVec3;
 
+use super::merge::Merged;
 use super::*;
 use crate::math::covariance::sigmoid;
 use crate::math::rng::Rng;
@@ -122,7 +123,9 @@ fn offsets_of_levels_are_those_of_the_merged_instance() {
         let parts = &levels.parts[levels.coarser[2].start as usize..levels.coarser[2].end as usize];
         assert_eq!(parts.len(), rungs.len());
         for (part, rung) in parts.iter().zip(&rungs) {
-            let own_offsets = own.level(&scene, rung, &levels.templates, part.range);
+            let merged = merged(&scene.templates.range(scene.template_ranges[1]), &rung.members);
+            let level = TemplateLevel { rung: rung.clone(), range: part.range, merged };
+            let own_offsets = own.level(&scene, &level);
             let first = part.first_offset.unwrap() as usize;
             for (j, members) in rung.members.iter().enumerate() {
                 let i = part.range.first as usize + j;
@@ -149,6 +152,73 @@ fn offsets_of_levels_are_those_of_the_merged_instance() {
         assert_eq!(levels.coarser[1].len(), rungs.len());
         assert!(levels.parts[levels.coarser[1].start as usize].first_offset.is_none());
     }
+}
+
+/// Optimised levels are shown in place of merged ones, as long as the template is what it was; offsets stay those by merging.
+#[test]
+fn fitted_levels_replace_merged_ones_of_the_same_template() {
+    let mut scene = scene(7, false);
+    let merged = Levels::of(&scene);
+    let mut fitted = merged_levels(&scene.templates.range(scene.template_ranges[1]));
+    fitted.iter_mut().for_each(|level| level.gaussians.opacity_logits.iter_mut().for_each(|logit| *logit += 1.0));
+    // One with another number of Gaussians, and one of another cell, fit no level.
+    fitted[0].gaussians = fitted[0].gaussians.filtered(|i| i > 0);
+    fitted[2].cell *= 1.01;
+    scene.fitted_levels = fitted;
+    scene.validate().unwrap();
+    assert_eq!(scene.current_levels().len(), scene.fitted_levels.len());
+    let levels = Levels::of(&scene);
+    assert_eq!((&levels.parts, &levels.offsets), (&merged.parts, &merged.offsets));
+    for (r, part) in merged.coarser[2].clone().map(|p| &merged.parts[p as usize]).enumerate() {
+        let of = |levels: &Levels| levels.templates.opacity_logits[part.range.indices()].to_vec();
+        assert_eq!(of(&levels) == of(&merged), [0, 2].contains(&r), "level {r}");
+    }
+    scene.templates.means[600][0] += 0.25;
+    assert!(scene.current_levels().is_empty());
+    let without = InstancedScene { fitted_levels: Vec::new(), ..scene.clone() };
+    assert_eq!(Levels::of(&scene), Levels::of(&without));
+    let count = scene.fitted_levels.len();
+    assert_eq!((scene.drop_stale_levels(), scene.fitted_levels.len()), (count, 0));
+}
+
+/// The same values in half precision are the same template; others are not, nor are the same values in another order.
+#[test]
+fn prints_survive_half_precision_and_nothing_else() {
+    let template = ball(&mut Rng::new(8), 20, 1);
+    let print = template_print(&template);
+    let mut halves = template.clone();
+    let round = |v: &mut f32| *v = half::f16::from_f32(*v).to_f32();
+    halves.quats.as_flattened_mut().iter_mut().for_each(round);
+    halves.log_scales.as_flattened_mut().iter_mut().for_each(round);
+    halves.opacity_logits.iter_mut().for_each(round);
+    halves.sh.as_flattened_mut().iter_mut().for_each(round);
+    assert!(halves != template && template_print(&halves) == print);
+    let changed: [fn(&mut Gaussians); 6] = [
+        |cloud| cloud.means[3][1] += 1e-6,
+        |cloud| cloud.quats[3][1] += 1e-2,
+        |cloud| cloud.log_scales[3][1] += 1e-2,
+        |cloud| cloud.opacity_logits[3] += 1e-2,
+        |cloud| cloud.sh[3][1] += 1e-2,
+        |cloud| cloud.means.swap(3, 4),
+    ];
+    for change in changed {
+        let mut other = template.clone();
+        change(&mut other);
+        assert!(template_print(&other) != print);
+    }
+}
+
+/// Copies that share a run of offsets share those of its levels.
+#[test]
+fn copies_share_the_offsets_of_their_levels() {
+    let mut scene = scene(9, false);
+    let alone = Levels::of(&scene);
+    scene.instances.extend(vec![scene.instances[2].clone(); 50]);
+    let levels = Levels::of(&scene);
+    assert_eq!(levels.offsets, alone.offsets);
+    let firsts = |k: usize| levels.parts[levels.coarser[k].start as usize..levels.coarser[k].end as usize].iter();
+    let of = |k: usize| firsts(k).map(|part| part.first_offset).collect::<Vec<_>>();
+    assert!(of(2)[0].is_some() && (3..53).all(|k| of(k) == of(2)));
 }
 
 #[test]

@@ -103,6 +103,10 @@ pub fn page_text(
     options: &PageOptions<'_>,
     path: &Path,
 ) -> Result<String, IoError> {
+    // A page draws at full detail.
+    let without_levels =
+        (!scene.fitted_levels.is_empty()).then(|| InstancedScene { fitted_levels: Vec::new(), ..scene.clone() });
+    let scene = without_levels.as_ref().unwrap_or(scene);
     let file = match options.small.filter(|_| options.pack == Pack::Small) {
         Some(small) => small_scene_file_bytes(scene, small, path)?,
         None => packed_scene_file_bytes(scene, options.pack, path)?,

@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Read;
 
 use flate2::read::DeflateDecoder;
-use instgs_samples::{ring, sample_scene, with_ablations, with_own};
+use instgs_samples::{ring, sample_scene, with_ablations, with_levels, with_own};
 use instgs_vk::scene::instanced_scene::Group;
 
 use super::base85::bytes_of_base85;
@@ -47,6 +47,9 @@ fn holds_the_packed_scene_and_is_the_same_each_time() -> Result<(), Box<dyn Erro
             assert_eq!(parse_scene_file(&file, path)?.expanded_len(), scene.expanded_len());
         }
     }
+    // A page has no levels of detail.
+    let [with, without] = [with_levels(), sample_scene()].map(|scene| page("x.html", &scene, &options(Pack::F32)));
+    assert_eq!(with?, without?);
     Ok(())
 }
 

@@ -29,7 +29,7 @@ pub fn scene() -> InstancedScene {
     }
 }
 
-/// A scene with all that a file may have: offsets of every kind, colour matrices, own Gaussians, foreign tensors.
+/// A scene with all that a file may have: offsets of every kind, colour matrices, own Gaussians, levels, foreign tensors.
 pub fn full_scene() -> InstancedScene {
     let mut scene = instgs_samples::sample_scene();
     let records = scene.offsets.means.len();
@@ -42,6 +42,7 @@ pub fn full_scene() -> InstancedScene {
     scene.own = instgs_samples::sample(2, 2);
     scene.own_ranges = vec![SourceRange::default(); count];
     scene.own_ranges[1] = SourceRange { first: 0, count: 2 };
+    scene.fitted_levels = instgs_samples::with_levels().fitted_levels;
     scene
 }
 

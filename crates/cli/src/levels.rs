@@ -1,0 +1,144 @@
+//! `instgs-vk levels`: levels of detail of templates that look like their template.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use instgs_console::args::open_scene;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer};
+use instgs_io::{ExportFormat, IoError, export_scene};
+use instgs_levels::{FitOptions, LevelReport, fit_template};
+use instgs_vk::scene::lod::{merged_levels, template_print};
+use instgs_vk::scene::trajectory::Orbit;
+
+/// Optimises the levels of detail of a scene's templates and stores them in the scene, for --lod of render, bench and the
+/// player: far objects are drawn from fewer Gaussians, and look as before.
+///
+/// Without this command, levels are made by merging when a scene is opened, which is fast, and coarser to look at. Each level
+/// is trained against pictures of its template, once for all instances. Templates whose levels the scene has are skipped.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk levels park.instgs --out park.instgs\n  \
+    instgs-vk bench --scene park.instgs --lod 1,2\n  \
+    instgs-vk view park.instgs --lod 1")]
+pub(super) struct LevelsArgs {
+    /// Scene with instances, .instgs or .glb
+    #[arg(value_name = "SCENE")]
+    scene: PathBuf,
+    /// File to write, .instgs; may be the scene itself
+    #[arg(long, value_name = "X.instgs")]
+    out: PathBuf,
+    /// Training steps of each level
+    #[arg(long, value_name = "N", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    steps: u64,
+    /// Views of the template that each level is trained on
+    #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(1..=4096))]
+    views: u16,
+    /// Seed of the views
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Train levels again that the scene has
+    #[arg(long)]
+    again: bool,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(serde::Serialize)]
+struct Report {
+    scene: String,
+    out: String,
+    templates: Vec<TemplateReport>,
+    bytes: u64,
+}
+
+#[derive(serde::Serialize)]
+struct TemplateReport {
+    template: usize,
+    gaussians: u32,
+    /// True if the scene had its levels.
+    skipped: bool,
+    levels: Vec<LevelReport>,
+}
+
+pub(super) fn run(args: &LevelsArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let format = ExportFormat::of(&args.out, None)?;
+    if !matches!(format, ExportFormat::Instgs(_)) {
+        return Err(IoError::new(&args.out, "is not named .instgs").advise("levels are kept in .instgs files").into());
+    }
+    let mut scene = open_scene(&args.scene, printer)?.scene;
+    if scene.instances.is_empty() {
+        return Err(IoError::new(&args.scene, "has no instances, and levels are those of templates")
+            .advise("a plain cloud has levels by merging: --lod needs no preparation")
+            .into());
+    }
+    let used: BTreeSet<usize> = scene.instances.iter().map(|instance| instance.template as usize).collect();
+    let clouds: Vec<_> = used.iter().map(|&g| (g, scene.templates.range(scene.template_ranges[g]))).collect();
+    if args.again {
+        scene.fitted_levels.clear();
+    }
+    let has: BTreeSet<u64> = scene.fitted_levels.iter().map(|level| level.template_print).collect();
+    let is_new = |cloud: &_| !has.contains(&template_print(cloud));
+    let total: usize =
+        clouds.iter().filter(|(_, cloud)| is_new(cloud)).map(|(_, cloud)| merged_levels(cloud).len()).sum();
+    let gpu = device::open(device_args.choice())?;
+    let mut progress = printer.progress("levels", total as u64);
+    let options = FitOptions { steps: args.steps, views: args.views.into(), seed: args.seed };
+    let mut templates = Vec::with_capacity(clouds.len());
+    for (template, cloud) in &clouds {
+        let mut report = TemplateReport {
+            template: *template,
+            gaussians: cloud.len() as u32,
+            skipped: !is_new(cloud),
+            levels: Vec::new(),
+        };
+        if !report.skipped {
+            let fitted = fit_template(&gpu, cloud, scene.pixel_filter, &options, |level| {
+                progress.step(format_args!(
+                    "template {template}, {} Gaussians: {:.1} dB, merged {:.1}",
+                    grouped(level.gaussians as u64),
+                    level.fitted_psnr_db,
+                    level.merged_psnr_db
+                ));
+                report.levels.push(level);
+            })?;
+            scene.fitted_levels.extend(fitted);
+        }
+        templates.push(report);
+    }
+    drop(progress);
+    device::check_validation(&gpu)?;
+    let exported = export_scene(&args.out, &scene, format, Orbit::around(&scene, None).up)?;
+    exported.notes(&args.out, &scene, format).iter().for_each(|note| printer.warning(note));
+    let report = Report {
+        scene: args.scene.display().to_string(),
+        out: args.out.display().to_string(),
+        templates,
+        bytes: std::fs::metadata(&args.out).map_or(0, |m| m.len()),
+    };
+    if args.json {
+        return printer.json(&report);
+    }
+    let mut table = Table::default();
+    table.row(["template", "Gaussians", "cell", "merged, dB", "fitted, dB"].map(String::from));
+    for of in &report.templates {
+        let name = |rest: &str| format!("{}{rest}", of.template);
+        table.row([name(if of.skipped { ", has its levels" } else { "" }), grouped(of.gaussians.into())]);
+        for level in &of.levels {
+            table.row([
+                name(""),
+                grouped(level.gaussians as u64),
+                format!("{:.3}", level.cell),
+                format!("{:.1}", level.merged_psnr_db),
+                format!("{:.1}", level.fitted_psnr_db),
+            ]);
+        }
+    }
+    printer.line(table);
+    printer.line(format_args!("{}: {} bytes", report.out, grouped(report.bytes)));
+    Ok(())
+}

@@ -1,0 +1,92 @@
+//! Trains all levels of a template, the finest first.
+
+use std::sync::Arc;
+
+use instgs_train::TrainError;
+use instgs_train::step_runner::StepRunner;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::kernels::Variant;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::render::{Picture, Renderer};
+use instgs_vk::scene::lod::{FittedLevel, merged_levels};
+use instgs_vk::scene::{Gaussians, InstancedScene, PixelFilter};
+
+use crate::fit::{Target, fit};
+use crate::views::{Ball, LevelSize, MOST_PX, views_around};
+
+/// Views that judge a level, which it is not trained on.
+const JUDGES: usize = 16;
+
+/// What the levels of a template are trained with.
+#[derive(Clone, Copy, Debug)]
+pub struct FitOptions {
+    /// Training steps of each level.
+    pub steps: u64,
+    /// Views of each level.
+    pub views: usize,
+    /// Fixes directions and backgrounds of the views.
+    pub seed: u64,
+}
+
+/// How close a level is to its template, in views that it was not trained on.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub struct LevelReport {
+    /// Side of the cells, template units.
+    pub cell: f32,
+    /// Number of Gaussians.
+    pub gaussians: usize,
+    /// PSNR of the level by merging against the template at full detail, dB.
+    pub merged_psnr_db: f64,
+    /// PSNR of the trained level, dB.
+    pub fitted_psnr_db: f64,
+}
+
+/// Trains the levels of a template. A level that training does not bring closer to the template is left out, so that the
+/// one by merging is shown. `on_level` is called after each.
+///
+/// # Errors
+/// The device fails, or is too small for the template.
+pub fn fit_template(
+    gpu: &Arc<Gpu>,
+    template: &Gaussians,
+    filter: PixelFilter,
+    options: &FitOptions,
+    mut on_level: impl FnMut(LevelReport),
+) -> Result<Vec<FittedLevel>, TrainError> {
+    let Some(ball) = Ball::around(template) else { return Ok(Vec::new()) };
+    let mut renderer = Renderer::new(gpu)?;
+    let scene = renderer.upload(&InstancedScene::from_cloud(template.clone()))?;
+    let mut target = Target { gpu, renderer: &mut renderer, scene, filter };
+    let mut runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), [MOST_PX; 2], false)?;
+    let mut out = Vec::new();
+    for (index, merged) in merged_levels(template).into_iter().enumerate() {
+        let cell = f64::from(merged.cell);
+        let mut rng = Rng::new(options.seed).fork(index as u64);
+        let size = LevelSize { ball, cell };
+        let judges = views_around(size, &merged.gaussians, JUDGES, &mut rng);
+        let views = views_around(size, &merged.gaussians, options.views, &mut rng);
+        let gaussians = fit(&mut target, &mut runner, &merged.gaussians, cell, &views, options.steps)?;
+        let truth = target.pictures(&judges)?;
+        let of_merged = target.pictures_of(&merged.gaussians, &judges)?;
+        let of_fitted = target.pictures_of(&gaussians, &judges)?;
+        let report = LevelReport {
+            cell: merged.cell,
+            gaussians: gaussians.len(),
+            merged_psnr_db: psnr_db(&truth, &of_merged),
+            fitted_psnr_db: psnr_db(&truth, &of_fitted),
+        };
+        on_level(report);
+        if report.fitted_psnr_db > report.merged_psnr_db {
+            out.push(FittedLevel { gaussians, ..merged });
+        }
+    }
+    Ok(out)
+}
+
+/// PSNR over all pixels of all pictures.
+fn psnr_db(truth: &[Picture], other: &[Picture]) -> f64 {
+    let squares = |(a, b): (&[f32; 4], &[f32; 4])| -> f64 { (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum() };
+    let sum: f64 = truth.iter().zip(other).flat_map(|(a, b)| a.colors.iter().zip(&b.colors)).map(squares).sum();
+    let count: usize = truth.iter().map(|picture| 3 * picture.colors.len()).sum();
+    -10.0 * (sum / count as f64).max(1e-12).log10()
+}
