@@ -58,12 +58,22 @@ pub fn record_visibility(
     inputs: &ForwardInputs<'_>,
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
+    record_instances_of_frame(recorder, inputs, frame)?;
+    record_layer(recorder, inputs, frame)
+}
+
+/// The part of [`record_visibility`] that a frame has once: changed rows, the test of instances, the depths of layers.
+pub(super) fn record_instances_of_frame(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
     inputs.scene.record_changes(recorder)?;
     record_instances(recorder, inputs, frame)?;
-    if let Some(layers) = &inputs.pipelines.layers {
-        record_layer_plan(recorder, layers, inputs, frame)?;
+    match &inputs.pipelines.layers {
+        Some(layers) => record_layer_plan(recorder, layers, inputs, frame),
+        None => Ok(()),
     }
-    record_layer(recorder, inputs, frame)
 }
 
 /// The passes of [`record_visibility`] that each depth layer has for itself.
@@ -73,6 +83,15 @@ pub(super) fn record_layer(
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
     record_chunks(recorder, inputs, frame)?;
+    record_splats(recorder, inputs, frame)
+}
+
+/// The second part of [`record_layer`]: expands the chunks that [`record_chunks`] has found, and sorts their splats by depth.
+pub(super) fn record_splats(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
     record_expansion(recorder, inputs, frame)?;
     let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes: radix_passes(u32::MAX) };
     let tables = &mut frame.digit_tables;
@@ -112,8 +131,8 @@ fn record_instances(
     )
 }
 
-/// The second level, with its compaction.
-fn record_chunks(
+/// The first part of [`record_layer`]: the second level of culling, with its compaction.
+pub(super) fn record_chunks(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
     frame: &mut FrameBuffers,

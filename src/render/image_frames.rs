@@ -47,6 +47,8 @@ pub(super) struct Needs {
     pub(super) have: Capacities,
     /// (instance, chunk) pairs of the frame's scene.
     pub(super) chunk_pairs: u64,
+    /// Value of [`RenderOptions::max_chunks`].
+    pub(super) max_chunks: Option<u32>,
     /// Value of [`RenderOptions::max_intersections`].
     pub(super) max_intersections: Option<u32>,
 }
@@ -187,8 +189,8 @@ impl Renderer {
         });
         match recorded {
             Ok((signal, have)) => {
-                let max_intersections = options.max_intersections;
-                let needs = Needs { have, chunk_pairs: scene.chunk_pairs, max_intersections };
+                let RenderOptions { max_chunks, max_intersections, .. } = *options;
+                let needs = Needs { have, chunk_pairs: scene.chunk_pairs, max_chunks, max_intersections };
                 frames.pending.push_back(Pending { slot, needs, changes: scene.take_changes() });
                 Ok(signal)
             }

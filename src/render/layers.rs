@@ -82,9 +82,18 @@ pub(super) fn record_next_layer(
     inputs: &ForwardInputs<'_>,
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
+    record_close_tiles(recorder, layers, frame)?;
+    record_layer(recorder, inputs, frame)
+}
+
+/// Closes tiles by what has been blended.
+pub(super) fn record_close_tiles(
+    recorder: &mut Recorder,
+    layers: &LayerPipelines,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
     let (size_px, tiles) = (frame.plan.size_px, frame.plan.tiles);
     let bindings = close_tiles::Bindings { depths: &frame.depths, closed_runs: &mut frame.closed_runs };
     let params = close_tiles::Params { size_px, tiles };
-    recorder.dispatch(&layers.close_tiles, Grid::groups(tiles[1]), &params, bindings)?;
-    record_layer(recorder, inputs, frame)
+    recorder.dispatch(&layers.close_tiles, Grid::groups(tiles[1]), &params, bindings)
 }

@@ -27,6 +27,9 @@ pub struct RenderOptions {
     /// same bytes; it takes less time and memory where the front of a scene hides much, and more where it hides little.
     /// Pictures with other passes than the blend are drawn without.
     pub occlusion: bool,
+    /// Limits the buffers of visible chunks; frames that need more are drawn in several depth ranges, if they have no other
+    /// passes than the blend. `None` = the device's limit.
+    pub max_chunks: Option<u32>,
     /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = the device's limit.
     pub max_intersections: Option<u32>,
 }
@@ -42,6 +45,7 @@ impl Default for RenderOptions {
             lod_error_px: 0.0,
             device_precision: DevicePrecision::F32,
             occlusion: false,
+            max_chunks: None,
             max_intersections: None,
         }
     }

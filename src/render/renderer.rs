@@ -1,5 +1,7 @@
 //! Renders frames: records, submits, and grows buffers that the counters show to be too small.
 
+mod parts;
+
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::*;
@@ -14,8 +16,8 @@ use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::extra_passes::ExtraPasses;
 use super::forward::{
-    ForwardInputs, read_counters, record_begin, record_blend, record_end, record_lists, record_visibility,
-    write_counters,
+    ForwardInputs, read_counters, record_begin, record_blend, record_end, record_lists, record_splats,
+    record_visibility, write_counters,
 };
 use super::frame_buffers::FrameBuffers;
 use super::frame_stats::FrameStats;
@@ -54,6 +56,11 @@ pub(super) enum EachSlab<'a> {
 }
 
 impl EachSlab<'_> {
+    /// True if slabs are blended and nothing else follows, so that no pass wants whole lists.
+    fn is_blend_only(&self) -> bool {
+        matches!(self, Self::Blend(extra) if extra.is_empty())
+    }
+
     /// What a picture with these options is drawn for: the host wants whole lists, as optional passes do.
     fn purpose(&self, options: &RenderOptions) -> Purpose {
         match self {
@@ -68,6 +75,20 @@ pub(super) fn purpose_of(extra: &ExtraPasses<'_>, options: &RenderOptions) -> Pu
     if options.occlusion && extra.is_empty() { Purpose::Layered } else { Purpose::Whole }
 }
 
+/// What buffers needed after a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Growth {
+    /// Nothing.
+    Fits,
+    /// They will be larger: the frame must be redone.
+    Grown,
+    /// There are more visible chunks than a buffer can have.
+    Beyond {
+        /// The most that it can have.
+        most: u32,
+    },
+}
+
 /// Where a submission of a frame begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Start {
@@ -75,6 +96,8 @@ enum Start {
     Frame,
     /// With the next depth layer.
     Layer,
+    /// With the chunks of a depth range that have been found.
+    Chunks,
     /// With the next depth slab.
     Slab,
 }
@@ -113,6 +136,8 @@ pub struct Renderer {
     capacities: Capacities,
     /// The largest intersection buffer that could be allocated.
     most_intersections: u32,
+    /// True if the last frame had more visible chunks than the buffers can hold.
+    in_parts: bool,
     recorder: Recorder,
 }
 
@@ -161,6 +186,7 @@ impl Renderer {
             frame: None,
             capacities: INITIAL,
             most_intersections: u32::MAX,
+            in_parts: false,
             recorder: if profile { Recorder::with_profiler(gpu)? } else { Recorder::new(gpu)? },
         })
     }
@@ -188,7 +214,7 @@ impl Renderer {
 
     /// Frees the memory of the last picture and resets its capacities, before a different scene is rendered.
     pub fn forget_picture(&mut self) {
-        (self.frame, self.capacities, self.most_intersections) = (None, INITIAL, u32::MAX);
+        (self.frame, self.capacities, self.most_intersections, self.in_parts) = (None, INITIAL, u32::MAX, false);
     }
 
     /// Uploads a scene for this renderer, in f32.
@@ -299,6 +325,9 @@ impl Renderer {
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
+        if self.in_parts && each.is_blend_only() {
+            return self.render_in_parts(scene, camera, options, each);
+        }
         let view = view_of(camera, options);
         let last_layer = each.purpose(options).last_layer();
         let mut redone = 0;
@@ -317,9 +346,18 @@ impl Renderer {
                 let start = if layer == 0 { Start::Frame } else { Start::Layer };
                 counters = self.submit_slab(scene, view, options, each, counters, start)?;
                 let Some(frame) = &self.frame else { unreachable_state() };
-                if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters)? {
-                    redone += 1;
-                    continue 'frame;
+                match self.grow(scene.chunk_pairs, frame.plan.capacities, &counters, options.max_chunks)? {
+                    Growth::Fits => {}
+                    Growth::Grown => {
+                        redone += 1;
+                        continue 'frame;
+                    }
+                    Growth::Beyond { .. } if each.is_blend_only() => {
+                        return self.render_in_parts(scene, camera, options, each);
+                    }
+                    Growth::Beyond { most } => {
+                        check_fits("visible chunks", counters[COUNTER_WORK_ITEMS_NEEDED as usize], most)?;
+                    }
                 }
                 stats.passes_ms.extend(self.recorder.passes_ms()?);
                 self.slab_done(each, layer == 0, &counters)?;
@@ -367,6 +405,7 @@ impl Renderer {
         options: &RenderOptions,
     ) -> Result<(), RenderError> {
         let mut capacities = self.capacities;
+        capacities.work_items = capacities.work_items.min(options.max_chunks.unwrap_or(u32::MAX)).max(1);
         if let Some(most) = options.max_intersections {
             capacities.intersections = capacities.intersections.min(most);
         }
@@ -380,7 +419,7 @@ impl Renderer {
         loop {
             capacities.intersections = capacities.intersections.min(self.most_intersections);
             let plan = FramePlan::new(size, tile_size, scene.instance_count, capacities, workgroup);
-            let plan = FramePlan { layered: options.occlusion, ..plan };
+            let plan = FramePlan { layered: options.occlusion || self.in_parts, ..plan };
             if self.frame.as_ref().is_some_and(|frame| frame.plan == plan) {
                 return Ok(());
             }
@@ -436,6 +475,7 @@ impl Renderer {
         match (start, &pipelines.layers) {
             (Start::Frame, _) => record_visibility(recorder, &inputs, frame)?,
             (Start::Layer, Some(layers)) => record_next_layer(recorder, layers, &inputs, frame)?,
+            (Start::Chunks, _) => record_splats(recorder, &inputs, frame)?,
             (Start::Layer, None) | (Start::Slab, _) => {}
         }
         record_lists(recorder, &inputs, frame)?;
@@ -464,26 +504,42 @@ impl Renderer {
         after_slab(BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant, frame, first, last })
     }
 
-    /// Enlarges buffers, of capacities `have`, that the frame overflowed; true if the frame must be redone.
-    fn grow(&mut self, chunk_pairs: u64, have: Capacities, counters: &Counters) -> Result<bool, RenderError> {
+    /// Enlarges buffers, of capacities `have`, that the frame overflowed. `max_chunks` is that of the options.
+    ///
+    /// # Errors
+    /// More candidates than the device can hold.
+    fn grow(
+        &mut self,
+        chunk_pairs: u64,
+        have: Capacities,
+        counters: &Counters,
+        max_chunks: Option<u32>,
+    ) -> Result<Growth, RenderError> {
         let candidates = counters[COUNTER_CANDIDATES_NEEDED as usize];
         let work_items = counters[COUNTER_WORK_ITEMS_NEEDED as usize];
-        let most_slots = (self.gpu.caps().max_storage_bytes / size_of::<types::Splat>() as u64).min(1 << 31) as u32;
-        let most_items = most_slots / self.variant.workgroup_size;
         let most_candidates = (self.gpu.caps().max_storage_bytes / size_of::<types::WorkItem>() as u64) as u32;
         if candidates > have.candidates {
             check_fits("chunks of visible instances", candidates, most_candidates)?;
             self.capacities.candidates = grown(candidates, most_candidates);
-            return Ok(true);
+            return Ok(Growth::Grown);
         }
         if work_items > have.work_items {
-            check_fits("visible chunks", work_items, most_items)?;
+            let most = self.most_work_items(max_chunks);
+            if work_items > most {
+                return Ok(Growth::Beyond { most });
+            }
             // Never more than the scene has, so that a plain cloud is not over-allocated.
             let pairs = u32::try_from(chunk_pairs).unwrap_or(u32::MAX);
-            self.capacities.work_items = grown(work_items, most_items).min(pairs.max(work_items));
-            return Ok(true);
+            self.capacities.work_items = grown(work_items, most).min(pairs.max(work_items));
+            return Ok(Growth::Grown);
         }
-        Ok(false)
+        Ok(Growth::Fits)
+    }
+
+    /// The largest number of visible chunks whose splats a buffer can hold.
+    fn most_work_items(&self, max_chunks: Option<u32>) -> u32 {
+        let most_slots = (self.gpu.caps().max_storage_bytes / size_of::<types::Splat>() as u64).min(1 << 31) as u32;
+        (most_slots / self.variant.workgroup_size).min(max_chunks.unwrap_or(u32::MAX))
     }
 
     /// Enlarges the buffers that an earlier frame overflowed, for frames that are recorded from now on.
@@ -496,7 +552,11 @@ impl Renderer {
         let most = |of: fn(&LayerNeeds) -> u32| layers.iter().map(of).max().unwrap_or(0);
         let mut counters = *counters;
         counters[COUNTER_WORK_ITEMS_NEEDED as usize] = most(|layer| layer.work_items);
-        if self.grow(needs.chunk_pairs, needs.have, &counters)? {
+        let growth = self.grow(needs.chunk_pairs, needs.have, &counters, needs.max_chunks)?;
+        if let Growth::Beyond { most } = growth {
+            check_fits("visible chunks", counters[COUNTER_WORK_ITEMS_NEEDED as usize], most)?;
+        }
+        if growth == Growth::Grown {
             // A later frame may have raised the capacities already.
             self.capacities.candidates = self.capacities.candidates.max(before.candidates);
             self.capacities.work_items = self.capacities.work_items.max(before.work_items);

@@ -13,7 +13,7 @@ use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::forward::read_counters;
 use instgs_vk::render::plan::Capacities;
-use instgs_vk::render::{Ahead, Arrived, ExtraPasses, RenderOptions, Renderer};
+use instgs_vk::render::{Ahead, Arrived, ExtraPasses, RenderOptions, Renderer, Surfaces};
 use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, Instance, InstancedScene, SourceRange};
 
 use crate::common::gpu::{assert_silent, device_options, gpu};
@@ -112,6 +112,86 @@ fn what_a_wall_hides_is_not_expanded() {
     renderer.render(&scene, &camera, &whole).unwrap();
     assert_eq!(renderer.render(&scene, &camera, &layered).unwrap().work_items, seen.work_items);
     assert!(renderer.download().unwrap() == want);
+    assert_silent(&gpu);
+}
+
+/// A frame with more visible chunks than a buffer may have is drawn in depth ranges, and has the same bytes.
+#[test]
+fn more_chunks_than_fit_are_drawn_in_parts() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let (mut parts, mut too_many) = (0, 0);
+    for case in (0..30).map(random_case).chain((0..10).map(rare_case)) {
+        let precision = DevicePrecision::ALL[case.seed as usize % DevicePrecision::ALL.len()];
+        let whole = RenderOptions { device_precision: precision, ..device_options(&case.options) };
+        let scene = renderer.upload_for(&case.scene, &whole).unwrap();
+        let all = renderer.render(&scene, &case.camera, &whole).unwrap();
+        let want = renderer.download().unwrap();
+        let few = RenderOptions { max_chunks: Some((all.work_items - 1).max(1) as u32), ..whole };
+        // Chunks that reach through one depth cannot be taken apart.
+        match renderer.render(&scene, &case.camera, &few) {
+            Ok(stats) => {
+                parts += stats.layers - 1;
+                assert!(renderer.download().unwrap() == want, "seed {}, {precision:?}", case.seed);
+            }
+            Err(error) => {
+                assert!(error.to_string().contains("visible chunks at one depth"), "{error}");
+                too_many += 1;
+            }
+        }
+        renderer.render(&scene, &case.camera, &whole).unwrap();
+        assert!(renderer.download().unwrap() == want, "in one piece again, seed {}", case.seed);
+    }
+    println!("{parts} parts besides the first, {too_many} of 40 do not fit");
+    assert!(parts > 5, "{parts}");
+    assert_silent(&gpu);
+}
+
+/// Parts are as small as it takes, hide what is behind them, and a renderer that has drawn them draws other frames as before.
+#[test]
+fn parts_are_as_small_as_it_takes() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, camera) = wall(400);
+    let mut balls = scene.clone();
+    balls.instances.remove(0);
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let whole = RenderOptions::default();
+    for (scene, hides) in [(&scene, true), (&balls, false)] {
+        let scene = renderer.upload(scene).unwrap();
+        renderer.forget_picture();
+        let all = renderer.render(&scene, &camera, &whole).unwrap();
+        let want = renderer.download().unwrap();
+        for part in [2, 5] {
+            let most = (all.work_items / part) as u32;
+            let few = RenderOptions { max_chunks: Some(most), ..whole };
+            renderer.forget_picture();
+            for _ in 0..2 {
+                let stats = renderer.render(&scene, &camera, &few).unwrap();
+                assert!(renderer.download().unwrap() == want, "a {part}th");
+                println!(
+                    "{} chunks at most of {}: {} in {} parts",
+                    most, all.work_items, stats.work_items, stats.layers
+                );
+                assert!(stats.layers > 1 && (hides || stats.work_items >= all.work_items));
+                assert!(!hides || stats.work_items * 2 < all.work_items);
+                assert!(stats.layers <= 6 * part as u32);
+            }
+            // With room again: in parts once more where they filled the buffers, and then in one piece.
+            renderer.render(&scene, &camera, &whole).unwrap();
+            assert_eq!(renderer.render(&scene, &camera, &whole).unwrap().layers, 1);
+            assert!(renderer.download().unwrap() == want);
+        }
+    }
+    let scene = renderer.upload(&balls).unwrap();
+    let none = RenderOptions { max_chunks: Some(1), ..whole };
+    let error = renderer.render(&scene, &camera, &none).unwrap_err().to_string();
+    assert!(error.contains("visible chunks at one depth") && error.contains("at most 1"), "{error}");
+    // Passes besides the blend want whole lists.
+    let few = RenderOptions { max_chunks: Some(5), ..whole };
+    renderer.forget_picture();
+    let mut surfaces = Surfaces::new(&gpu).unwrap();
+    let error = renderer.render_with_surfaces(&scene, &camera, &few, &mut surfaces).unwrap_err().to_string();
+    assert!(error.contains("visible chunks") && error.contains("at most 5"), "{error}");
     assert_silent(&gpu);
 }
 

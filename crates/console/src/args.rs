@@ -180,6 +180,9 @@ pub struct LookArgs {
     /// Variance added to every projected splat, px^2 [default: the scene's, which is 0.3 unless it was trained with another]
     #[arg(long, value_name = "PX2", value_parser = parse_dilation)]
     dilation: Option<f32>,
+    /// Limit on the buffers of visible chunks; frames that need more are drawn in depth ranges, with the same result
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    max_chunks: Option<u32>,
     /// Limit on the buffer of intersections; frames that need more are drawn in depth slabs, with the same result
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     max_intersections: Option<u32>,
@@ -237,6 +240,7 @@ impl LookArgs {
             near: self.near.unwrap_or(default.near),
             background: self.background.map_or(default.background, |b| b.0),
             lod_error_px: default.lod_error_px,
+            max_chunks: self.max_chunks,
             max_intersections: self.max_intersections,
             occlusion: self.occlusion,
             ..default

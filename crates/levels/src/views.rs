@@ -15,9 +15,9 @@ const LEAST_PX: f64 = 16.0;
 /// Pixels around the ball: splats reach beyond their means.
 const MARGIN_PX: f64 = 4.0;
 /// Range of the width of a level's cells in the views, pixels. Errors of 1 and 2 px are usual, at which a level is shown with
-/// cells of 0.5 to 2 px. From the upper half of that it learns the most: 50,000 Gaussians of random colours, trained with cells
-/// of 0.5 to 1 px, were 44.2 and 32.3 dB from the full picture at 1 and 2 px, with 1 to 2 px 44.9 and 37.6, with 0.5 to 2 px
-/// 45.1 and 36.4 (by merging 40.7 and 31.7).
+/// cells of 0.5 to 2 px. From larger pictures it learns more, also for smaller ones: 50,000 Gaussians of random colours, trained
+/// with cells of 0.5 to 1 px, were 44.2 and 32.3 dB from the full picture at errors of 1 and 2 px, with 0.7 to 2 px 45.1 and 36.9,
+/// with 1 to 2 px 44.9 and 37.6 (by merging 40.7 and 31.7).
 const CELL_PX: [f64; 2] = [0.7, 2.0];
 
 /// A view of a template, with what is behind the template.
