@@ -1,6 +1,6 @@
 //! Renders frames: records, submits, and grows buffers that the counters show to be too small.
 
-mod parts;
+mod depth_ranges;
 
 use std::sync::Arc;
 
@@ -137,7 +137,7 @@ pub struct Renderer {
     /// The largest intersection buffer that could be allocated.
     most_intersections: u32,
     /// True if the last frame had more visible chunks than the buffers can hold.
-    in_parts: bool,
+    in_ranges: bool,
     recorder: Recorder,
 }
 
@@ -186,7 +186,7 @@ impl Renderer {
             frame: None,
             capacities: INITIAL,
             most_intersections: u32::MAX,
-            in_parts: false,
+            in_ranges: false,
             recorder: if profile { Recorder::with_profiler(gpu)? } else { Recorder::new(gpu)? },
         })
     }
@@ -214,7 +214,7 @@ impl Renderer {
 
     /// Frees the memory of the last picture and resets its capacities, before a different scene is rendered.
     pub fn forget_picture(&mut self) {
-        (self.frame, self.capacities, self.most_intersections, self.in_parts) = (None, INITIAL, u32::MAX, false);
+        (self.frame, self.capacities, self.most_intersections, self.in_ranges) = (None, INITIAL, u32::MAX, false);
     }
 
     /// Uploads a scene for this renderer, in f32.
@@ -325,8 +325,8 @@ impl Renderer {
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
-        if self.in_parts && each.is_blend_only() {
-            return self.render_in_parts(scene, camera, options, each);
+        if self.in_ranges && each.is_blend_only() {
+            return self.render_in_ranges(scene, camera, options, each);
         }
         let view = view_of(camera, options);
         let last_layer = each.purpose(options).last_layer();
@@ -353,7 +353,7 @@ impl Renderer {
                         continue 'frame;
                     }
                     Growth::Beyond { .. } if each.is_blend_only() => {
-                        return self.render_in_parts(scene, camera, options, each);
+                        return self.render_in_ranges(scene, camera, options, each);
                     }
                     Growth::Beyond { most } => {
                         check_fits("visible chunks", counters[COUNTER_WORK_ITEMS_NEEDED as usize], most)?;
@@ -419,7 +419,7 @@ impl Renderer {
         loop {
             capacities.intersections = capacities.intersections.min(self.most_intersections);
             let plan = FramePlan::new(size, tile_size, scene.instance_count, capacities, workgroup);
-            let plan = FramePlan { layered: options.occlusion || self.in_parts, ..plan };
+            let plan = FramePlan { layered: options.occlusion || self.in_ranges, ..plan };
             if self.frame.as_ref().is_some_and(|frame| frame.plan == plan) {
                 return Ok(());
             }

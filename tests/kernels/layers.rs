@@ -117,10 +117,10 @@ fn what_a_wall_hides_is_not_expanded() {
 
 /// A frame with more visible chunks than a buffer may have is drawn in depth ranges, and has the same bytes.
 #[test]
-fn more_chunks_than_fit_are_drawn_in_parts() {
+fn more_chunks_than_fit_are_drawn_in_ranges() {
     let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(&gpu).unwrap();
-    let (mut parts, mut too_many) = (0, 0);
+    let (mut ranges, mut too_many) = (0, 0);
     for case in (0..30).map(random_case).chain((0..10).map(rare_case)) {
         let precision = DevicePrecision::ALL[case.seed as usize % DevicePrecision::ALL.len()];
         let whole = RenderOptions { device_precision: precision, ..device_options(&case.options) };
@@ -131,7 +131,7 @@ fn more_chunks_than_fit_are_drawn_in_parts() {
         // Chunks that reach through one depth cannot be taken apart.
         match renderer.render(&scene, &case.camera, &few) {
             Ok(stats) => {
-                parts += stats.layers - 1;
+                ranges += stats.layers - 1;
                 assert!(renderer.download().unwrap() == want, "seed {}, {precision:?}", case.seed);
             }
             Err(error) => {
@@ -142,14 +142,14 @@ fn more_chunks_than_fit_are_drawn_in_parts() {
         renderer.render(&scene, &case.camera, &whole).unwrap();
         assert!(renderer.download().unwrap() == want, "in one piece again, seed {}", case.seed);
     }
-    println!("{parts} parts besides the first, {too_many} of 40 do not fit");
-    assert!(parts > 5, "{parts}");
+    println!("{ranges} ranges besides the first, {too_many} of 40 do not fit");
+    assert!(ranges > 5, "{ranges}");
     assert_silent(&gpu);
 }
 
-/// Parts are as small as it takes, hide what is behind them, and a renderer that has drawn them draws other frames as before.
+/// Ranges are as small as it takes, hide what is behind them, and a renderer that has drawn them draws other frames as before.
 #[test]
-fn parts_are_as_small_as_it_takes() {
+fn ranges_are_as_small_as_it_takes() {
     let Some(gpu) = gpu() else { return };
     let (scene, camera) = wall(400);
     let mut balls = scene.clone();
@@ -176,7 +176,7 @@ fn parts_are_as_small_as_it_takes() {
                 assert!(!hides || stats.work_items * 2 < all.work_items);
                 assert!(stats.layers <= 6 * part as u32);
             }
-            // With room again: in parts once more where they filled the buffers, and then in one piece.
+            // With room again: in ranges once more where they filled the buffers, and then in one piece.
             renderer.render(&scene, &camera, &whole).unwrap();
             assert_eq!(renderer.render(&scene, &camera, &whole).unwrap().layers, 1);
             assert!(renderer.download().unwrap() == want);

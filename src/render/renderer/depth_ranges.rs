@@ -58,7 +58,7 @@ impl Renderer {
     ///
     /// # Errors
     /// The chunks that reach through one depth do not fit.
-    pub(super) fn render_in_parts(
+    pub(super) fn render_in_ranges(
         &mut self,
         scene: &DeviceScene,
         camera: &Camera,
@@ -66,7 +66,7 @@ impl Renderer {
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
         let most = self.most_work_items(options.max_chunks);
-        self.in_parts = true;
+        self.in_ranges = true;
         self.capacities.work_items = most;
         // As for any frame of depth layers, which this one is from here on.
         let options = &RenderOptions { occlusion: true, ..*options };
@@ -104,7 +104,7 @@ impl Renderer {
             counters = self.finish_slabs(scene, view, options, each, counters, &mut stats)?;
         }
         // With some room, so that a moving camera does not change from one way to the other all the time.
-        self.in_parts = stats.work_items > u64::from(most / 2);
+        self.in_ranges = stats.work_items > u64::from(most / 2);
         Ok(stats)
     }
 
