@@ -169,7 +169,7 @@ fn ranges_are_as_small_as_it_takes() {
                 let stats = renderer.render(&scene, &camera, &few).unwrap();
                 assert!(renderer.download().unwrap() == want, "a {part}th");
                 println!(
-                    "{} chunks at most of {}: {} in {} parts",
+                    "{} chunks at most of {}: {} in {} ranges",
                     most, all.work_items, stats.work_items, stats.layers
                 );
                 assert!(stats.layers > 1 && (hides || stats.work_items >= all.work_items));
