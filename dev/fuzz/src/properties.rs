@@ -27,7 +27,9 @@ pub(crate) fn cloud(cloud: &Gaussians) {
 }
 
 /// Asserts that a consistent scene survives every way to write it, every edit, and what is done to scenes on the way to a picture.
-pub(crate) fn scene(scene: InstancedScene, folder: &Path) {
+pub(crate) fn scene(mut scene: InstancedScene, folder: &Path) {
+    // Files hold levels of detail of the templates as they are, and no others.
+    scene.drop_stale_levels();
     let expanded = scene.expanded_len();
     let is_large = expanded + scene.templates.len() as u64 + scene.background.len() as u64 > MOST_GAUSSIANS;
     if is_large || scene.instances.len() > MOST_INSTANCES {
