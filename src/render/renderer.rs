@@ -1,6 +1,7 @@
 //! Renders frames: records, submits, and grows buffers that the counters show to be too small.
 
 mod depth_ranges;
+mod growth;
 
 use std::sync::Arc;
 
@@ -21,12 +22,12 @@ use super::forward::{
 };
 use super::frame_buffers::FrameBuffers;
 use super::frame_stats::FrameStats;
-use super::image_frames::Needs;
-use super::layers::{LayerNeeds, record_next_layer};
+use super::layers::record_next_layer;
 use super::picture::Picture;
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::render_options::{RenderOptions, view_of};
 use super::self_test::self_test;
+use growth::Growth;
 
 /// A depth slab that has just been blended (or listed only, if it is the last), for [`Renderer::list_slabs`].
 pub(super) struct BlendedSlab<'a> {
@@ -73,20 +74,6 @@ impl EachSlab<'_> {
 /// What a picture with these options and optional passes is drawn for.
 pub(super) fn purpose_of(extra: &ExtraPasses<'_>, options: &RenderOptions) -> Purpose {
     if options.occlusion && extra.is_empty() { Purpose::Layered } else { Purpose::Whole }
-}
-
-/// What buffers needed after a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Growth {
-    /// Nothing.
-    Fits,
-    /// They will be larger: the frame must be redone.
-    Grown,
-    /// There are more visible chunks than a buffer can have.
-    Beyond {
-        /// The most that it can have.
-        most: u32,
-    },
 }
 
 /// Where a submission of a frame begins.
@@ -504,82 +491,6 @@ impl Renderer {
         after_slab(BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant, frame, first, last })
     }
 
-    /// Enlarges buffers, of capacities `have`, that the frame overflowed. `max_chunks` is that of the options.
-    ///
-    /// # Errors
-    /// More candidates than the device can hold.
-    fn grow(
-        &mut self,
-        chunk_pairs: u64,
-        have: Capacities,
-        counters: &Counters,
-        max_chunks: Option<u32>,
-    ) -> Result<Growth, RenderError> {
-        let candidates = counters[COUNTER_CANDIDATES_NEEDED as usize];
-        let work_items = counters[COUNTER_WORK_ITEMS_NEEDED as usize];
-        let most_candidates = (self.gpu.caps().max_storage_bytes / size_of::<types::WorkItem>() as u64) as u32;
-        if candidates > have.candidates {
-            check_fits("chunks of visible instances", candidates, most_candidates)?;
-            self.capacities.candidates = grown(candidates, most_candidates);
-            return Ok(Growth::Grown);
-        }
-        if work_items > have.work_items {
-            let most = self.most_work_items(max_chunks);
-            if work_items > most {
-                return Ok(Growth::Beyond { most });
-            }
-            // Never more than the scene has, so that a plain cloud is not over-allocated.
-            let pairs = u32::try_from(chunk_pairs).unwrap_or(u32::MAX);
-            self.capacities.work_items = grown(work_items, most).min(pairs.max(work_items));
-            return Ok(Growth::Grown);
-        }
-        Ok(Growth::Fits)
-    }
-
-    /// The largest number of visible chunks whose splats a buffer can hold.
-    fn most_work_items(&self, max_chunks: Option<u32>) -> u32 {
-        let most_slots = (self.gpu.caps().max_storage_bytes / size_of::<types::Splat>() as u64).min(1 << 31) as u32;
-        (most_slots / self.variant.workgroup_size).min(max_chunks.unwrap_or(u32::MAX))
-    }
-
-    /// Enlarges the buffers that an earlier frame overflowed, for frames that are recorded from now on.
-    ///
-    /// # Errors
-    /// Larger buffers do not help: the frame takes more than one depth slab.
-    pub(super) fn grow_for_next(&mut self, counters: &Counters, needs: Needs) -> Result<(), RenderError> {
-        let before = self.capacities;
-        let layers = LayerNeeds::of_frame(counters);
-        let most = |of: fn(&LayerNeeds) -> u32| layers.iter().map(of).max().unwrap_or(0);
-        let mut counters = *counters;
-        counters[COUNTER_WORK_ITEMS_NEEDED as usize] = most(|layer| layer.work_items);
-        let growth = self.grow(needs.chunk_pairs, needs.have, &counters, needs.max_chunks)?;
-        if let Growth::Beyond { most } = growth {
-            check_fits("visible chunks", counters[COUNTER_WORK_ITEMS_NEEDED as usize], most)?;
-        }
-        if growth == Growth::Grown {
-            // A later frame may have raised the capacities already.
-            self.capacities.candidates = self.capacities.candidates.max(before.candidates);
-            self.capacities.work_items = self.capacities.work_items.max(before.work_items);
-            return Ok(());
-        }
-        let most_splats = max_slab_splats(&self.gpu, &self.variant);
-        check_fits("splats of a picture in one depth slab", most(|layer| layer.visible), most_splats)?;
-        let needed = most(|layer| layer.intersections);
-        let most = self.most_intersections_of_device();
-        let allowed = most.min(self.most_intersections).min(needs.max_intersections.unwrap_or(u32::MAX));
-        check_fits(
-            "(splat, tile) pairs of a picture in one depth slab",
-            needed,
-            allowed.max(needs.have.intersections),
-        )?;
-        self.capacities.intersections = self.capacities.intersections.max(grown(needed, most));
-        Ok(())
-    }
-
-    fn most_intersections_of_device(&self) -> u32 {
-        (self.gpu.caps().max_storage_bytes / 4).min(MOST_INTERSECTIONS) as u32
-    }
-
     /// Blends the remaining slabs of a frame or layer, and enlarges the intersection buffer for the next frame. Returns the
     /// counters after the last.
     fn finish_slabs(
@@ -645,9 +556,6 @@ pub(super) fn tile_size_for(gpu: &Gpu, variant: &Variant, size_px: [u32; 2]) -> 
         tile_size *= 2;
     }
 }
-
-/// Largest intersection buffer that is grown to: 2^26 pairs take 1 GiB (16 bytes each); beyond that, slabs.
-const MOST_INTERSECTIONS: u64 = 1 << 26;
 
 /// `prepare_pipelines` and `prepare_frame` run before every use; a private invariant, not an input error.
 fn unreachable_state() -> ! {

@@ -11,8 +11,9 @@ use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
 use instgs_io::{ExportFormat, IoError, export_scene};
 use instgs_levels::{FitOptions, LevelReport, fit_template};
-use instgs_vk::scene::lod::{merged_levels, template_print};
+use instgs_vk::scene::lod::{FittedLevel, merged_levels, template_print};
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Gaussians, InstancedScene};
 
 /// Optimises the levels of detail of a scene's templates and stores them in the scene, for --lod of render, bench and the
 /// player: far objects are drawn from fewer Gaussians, and look as before.
@@ -37,7 +38,7 @@ pub(super) struct LevelsArgs {
     /// Views of the template that each level is trained on
     #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u16).range(1..=4096))]
     views: u16,
-    /// Seed of the views
+    /// Fixes the directions and backgrounds of the views; the same seed gives the same bytes
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Train levels again that the scene has
@@ -76,39 +77,28 @@ pub(super) fn run(args: &LevelsArgs, device_args: &DeviceArgs, printer: &Printer
             .advise("a plain cloud has levels by merging: --lod needs no preparation")
             .into());
     }
-    let used: BTreeSet<usize> = scene.instances.iter().map(|instance| instance.template as usize).collect();
-    let clouds: Vec<_> = used.iter().map(|&g| (g, scene.templates.range(scene.template_ranges[g]))).collect();
     if args.again {
         scene.fitted_levels.clear();
     }
-    let has: BTreeSet<u64> = scene.fitted_levels.iter().map(|level| level.template_print).collect();
-    let is_new = |cloud: &_| !has.contains(&template_print(cloud));
-    let total: usize =
-        clouds.iter().filter(|(_, cloud)| is_new(cloud)).map(|(_, cloud)| merged_levels(cloud).len()).sum();
+    let to_train = to_train(&scene);
+    let total: usize = to_train.iter().map(|template| template.merged.len()).sum();
     let gpu = device::open(device_args.choice())?;
     let mut progress = printer.progress("levels", total as u64);
     let options = FitOptions { steps: args.steps, views: args.views.into(), seed: args.seed };
-    let mut templates = Vec::with_capacity(clouds.len());
-    for (template, cloud) in &clouds {
-        let mut report = TemplateReport {
-            template: *template,
-            gaussians: cloud.len() as u32,
-            skipped: !is_new(cloud),
-            levels: Vec::new(),
-        };
-        if !report.skipped {
-            let fitted = fit_template(&gpu, cloud, scene.pixel_filter, &options, |level| {
-                progress.step(format_args!(
-                    "template {template}, {} Gaussians: {:.1} dB, merged {:.1}",
-                    grouped(level.gaussians as u64),
-                    level.fitted_psnr_db,
-                    level.merged_psnr_db
-                ));
-                report.levels.push(level);
-            })?;
-            scene.fitted_levels.extend(fitted);
-        }
-        templates.push(report);
+    let mut templates = Vec::with_capacity(to_train.len());
+    for Template { template, cloud, has_levels, merged } in to_train {
+        let mut levels = Vec::with_capacity(merged.len());
+        let fitted = fit_template(&gpu, &cloud, merged, scene.pixel_filter, &options, |level| {
+            progress.step(format_args!(
+                "template {template}, {} Gaussians: {:.1} dB, merged {:.1}",
+                grouped(level.gaussians as u64),
+                level.fitted_psnr_db,
+                level.merged_psnr_db
+            ));
+            levels.push(level);
+        })?;
+        scene.fitted_levels.extend(fitted);
+        templates.push(TemplateReport { template, gaussians: cloud.len() as u32, skipped: has_levels, levels });
     }
     drop(progress);
     device::check_validation(&gpu)?;
@@ -123,14 +113,42 @@ pub(super) fn run(args: &LevelsArgs, device_args: &DeviceArgs, printer: &Printer
     if args.json {
         return printer.json(&report);
     }
+    printer.line(table_of(&report.templates));
+    printer.line(format_args!("{}: {} bytes", report.out, grouped(report.bytes)));
+    Ok(())
+}
+
+/// A template that instances use.
+struct Template {
+    template: usize,
+    cloud: Gaussians,
+    /// True if the scene has levels of it.
+    has_levels: bool,
+    /// Its levels by merging; none if it has levels.
+    merged: Vec<FittedLevel>,
+}
+
+fn to_train(scene: &InstancedScene) -> Vec<Template> {
+    let has: BTreeSet<u64> = scene.fitted_levels.iter().map(|level| level.template_print).collect();
+    let used: BTreeSet<usize> = scene.instances.iter().map(|instance| instance.template as usize).collect();
+    let of = |template: usize| {
+        let cloud = scene.templates.range(scene.template_ranges[template]);
+        let has_levels = has.contains(&template_print(&cloud));
+        let merged = if has_levels { Vec::new() } else { merged_levels(&cloud) };
+        Template { template, cloud, has_levels, merged }
+    };
+    used.into_iter().map(of).collect()
+}
+
+fn table_of(templates: &[TemplateReport]) -> Table {
     let mut table = Table::default();
     table.row(["template", "Gaussians", "cell", "merged, dB", "fitted, dB"].map(String::from));
-    for of in &report.templates {
-        let name = |rest: &str| format!("{}{rest}", of.template);
-        table.row([name(if of.skipped { ", has its levels" } else { "" }), grouped(of.gaussians.into())]);
-        for level in &of.levels {
+    for TemplateReport { template, gaussians, skipped, levels } in templates {
+        let has_levels = if *skipped { ", has its levels" } else { "" };
+        table.row([format!("{template}{has_levels}"), grouped(u64::from(*gaussians))]);
+        for level in levels {
             table.row([
-                name(""),
+                template.to_string(),
                 grouped(level.gaussians as u64),
                 format!("{:.3}", level.cell),
                 format!("{:.1}", level.merged_psnr_db),
@@ -138,7 +156,5 @@ pub(super) fn run(args: &LevelsArgs, device_args: &DeviceArgs, printer: &Printer
             ]);
         }
     }
-    printer.line(table);
-    printer.line(format_args!("{}: {} bytes", report.out, grouped(report.bytes)));
-    Ok(())
+    table
 }

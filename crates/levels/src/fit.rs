@@ -23,31 +23,31 @@ const RATES: GaussianRates =
 const FINAL_FACTOR: f64 = 0.03;
 
 /// A template at full detail on the device, with what pictures of it are made with.
-pub struct Target<'a> {
-    /// The device.
-    pub gpu: &'a Arc<Gpu>,
-    /// Its renderer.
-    pub renderer: &'a mut Renderer,
+pub(crate) struct Target<'a> {
+    /// Device of renderer and training.
+    pub(crate) gpu: &'a Arc<Gpu>,
+    /// Draws the template and its levels.
+    pub(crate) renderer: &'a mut Renderer,
     /// The template, as a background.
-    pub scene: DeviceScene,
+    pub(crate) scene: DeviceScene,
     /// The pixel filter of the scene that the template is from.
-    pub filter: PixelFilter,
+    pub(crate) filter: PixelFilter,
 }
 
 impl Target<'_> {
     /// Options to render a view with.
-    pub fn options(&self, view: &FitView) -> RenderOptions {
+    pub(crate) fn options(&self, view: &FitView) -> RenderOptions {
         RenderOptions { near: view.near, background: view.background, ..RenderOptions::default() }.filtered(self.filter)
     }
 
     /// Pictures of a scene.
-    pub fn pictures_of(&mut self, cloud: &Gaussians, views: &[FitView]) -> Result<Vec<Picture>, TrainError> {
+    pub(crate) fn pictures_of(&mut self, cloud: &Gaussians, views: &[FitView]) -> Result<Vec<Picture>, TrainError> {
         let scene = self.renderer.upload(&InstancedScene::from_cloud(cloud.clone()))?;
         views.iter().map(|view| picture(self.renderer, &scene, view, &self.options(view))).collect()
     }
 
     /// Pictures of the template.
-    pub fn pictures(&mut self, views: &[FitView]) -> Result<Vec<Picture>, TrainError> {
+    pub(crate) fn pictures(&mut self, views: &[FitView]) -> Result<Vec<Picture>, TrainError> {
         views.iter().map(|view| picture(self.renderer, &self.scene, view, &self.options(view))).collect()
     }
 }
@@ -62,28 +62,37 @@ fn picture(
     Ok(renderer.download()?)
 }
 
-/// Trains `level`, whose cells have side `cell`, against the pictures of `views` for `steps` steps.
-pub fn fit(
+/// How one level is trained.
+pub(crate) struct Training<'a> {
+    /// The Gaussians to begin with.
+    pub(crate) level: &'a Gaussians,
+    /// Side of the level's cells, template units.
+    pub(crate) cell: f64,
+    /// Views of the template that it is trained on.
+    pub(crate) views: &'a [FitView],
+    /// Number of steps, each on one view.
+    pub(crate) steps: u64,
+}
+
+/// Trains a level against pictures of its template; returns its Gaussians in the same order.
+pub(crate) fn fit(
     target: &mut Target<'_>,
     runner: &mut StepRunner,
-    level: &Gaussians,
-    cell: f64,
-    views: &[FitView],
-    steps: u64,
+    Training { level, cell, views, steps }: &Training<'_>,
 ) -> Result<Gaussians, TrainError> {
     let pictures = target.pictures(views)?;
     let loaded: Vec<LoadedView> =
         views.iter().zip(&pictures).map(|(view, picture)| training_view(view, picture)).collect();
     let mut device_views = TrainViews::from_images(target.gpu, &loaded)?;
-    let mut state = DeviceState::new(target.gpu, &InstancedScene::from_cloud(level.clone()), runner.chunk_size())?;
+    let mut state = DeviceState::new(target.gpu, &InstancedScene::from_cloud((*level).clone()), runner.chunk_size())?;
     let mut order = ViewOrder::new(0, views.len());
-    for step in 0..steps {
+    for step in 0..*steps {
         let view = order.view_at(step).ok_or(TrainError::NoViews)?;
         let plan = StepPlan {
             step,
             view,
             options: target.options(&views[view]),
-            rates: rates_at(cell, step as f64 / steps as f64),
+            rates: rates_at(*cell, step as f64 / *steps as f64),
             sh_degree: level.sh_degree,
             lambda_dssim: 0.0,
             adam: Adam { beta1: 0.9, beta2: 0.99, epsilon: 1e-15, step: step + 1 },

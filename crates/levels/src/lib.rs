@@ -5,10 +5,10 @@
 //! the level is shown: where its cells are about a pixel wide. This is done once per template, and all instances share it;
 //! their offsets for a level are still those by merging.
 //!
-//! [`views`] has the cameras, [`fit`] the training of one level, [`template`] that of all levels of a template.
+//! `views` has the cameras, `fit` the training of one level, `template` that of all levels of a template.
 
-pub mod fit;
-pub mod template;
-pub mod views;
+mod fit;
+mod template;
+mod views;
 
 pub use template::{FitOptions, LevelReport, fit_template};

@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 
+use instgs_eval::{EvalError, PicturePair, psnr};
 use instgs_train::TrainError;
 use instgs_train::step_runner::StepRunner;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::render::{Picture, Renderer};
-use instgs_vk::scene::lod::{FittedLevel, merged_levels};
+use instgs_vk::scene::lod::FittedLevel;
 use instgs_vk::scene::{Gaussians, InstancedScene, PixelFilter};
 
-use crate::fit::{Target, fit};
+use crate::fit::{Target, Training, fit};
 use crate::views::{Ball, LevelSize, MOST_PX, views_around};
 
 /// Views that judge a level, which it is not trained on.
@@ -41,7 +42,7 @@ pub struct LevelReport {
     pub fitted_psnr_db: f64,
 }
 
-/// Trains the levels of a template. A level that training does not bring closer to the template is left out, so that the
+/// Trains the levels of a template, from those by merging ([`merged_levels`](instgs_vk::scene::lod::merged_levels)). A level that training does not bring closer to the template is left out, so that the
 /// one by merging is shown. `on_level` is called after each.
 ///
 /// # Errors
@@ -49,6 +50,7 @@ pub struct LevelReport {
 pub fn fit_template(
     gpu: &Arc<Gpu>,
     template: &Gaussians,
+    merged: Vec<FittedLevel>,
     filter: PixelFilter,
     options: &FitOptions,
     mut on_level: impl FnMut(LevelReport),
@@ -59,21 +61,22 @@ pub fn fit_template(
     let mut target = Target { gpu, renderer: &mut renderer, scene, filter };
     let mut runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), [MOST_PX; 2], false)?;
     let mut out = Vec::new();
-    for (index, merged) in merged_levels(template).into_iter().enumerate() {
+    for (index, merged) in merged.into_iter().enumerate() {
         let cell = f64::from(merged.cell);
         let mut rng = Rng::new(options.seed).fork(index as u64);
         let size = LevelSize { ball, cell };
         let judges = views_around(size, &merged.gaussians, JUDGES, &mut rng);
         let views = views_around(size, &merged.gaussians, options.views, &mut rng);
-        let gaussians = fit(&mut target, &mut runner, &merged.gaussians, cell, &views, options.steps)?;
+        let training = Training { level: &merged.gaussians, cell, views: &views, steps: options.steps };
+        let gaussians = fit(&mut target, &mut runner, &training)?;
         let truth = target.pictures(&judges)?;
         let of_merged = target.pictures_of(&merged.gaussians, &judges)?;
         let of_fitted = target.pictures_of(&gaussians, &judges)?;
         let report = LevelReport {
             cell: merged.cell,
             gaussians: gaussians.len(),
-            merged_psnr_db: psnr_db(&truth, &of_merged),
-            fitted_psnr_db: psnr_db(&truth, &of_fitted),
+            merged_psnr_db: psnr_db(&truth, &of_merged)?,
+            fitted_psnr_db: psnr_db(&truth, &of_fitted)?,
         };
         on_level(report);
         if report.fitted_psnr_db > report.merged_psnr_db {
@@ -83,10 +86,14 @@ pub fn fit_template(
     Ok(out)
 }
 
-/// PSNR over all pixels of all pictures.
-fn psnr_db(truth: &[Picture], other: &[Picture]) -> f64 {
-    let squares = |(a, b): (&[f32; 4], &[f32; 4])| -> f64 { (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum() };
-    let sum: f64 = truth.iter().zip(other).flat_map(|(a, b)| a.colors.iter().zip(&b.colors)).map(squares).sum();
-    let count: usize = truth.iter().map(|picture| 3 * picture.colors.len()).sum();
-    -10.0 * (sum / count as f64).max(1e-12).log10()
+/// PSNR over all pixels of all pictures, dB.
+fn psnr_db(truth: &[Picture], other: &[Picture]) -> Result<f64, TrainError> {
+    let pixels = |pictures: &[Picture]| -> Vec<[f32; 3]> {
+        pictures.iter().flat_map(|picture| picture.colors.iter().map(|&[r, g, b, _]| [r, g, b])).collect()
+    };
+    let (truth, other) = (pixels(truth), pixels(other));
+    // In one row, since PSNR does not care which pixels are neighbours.
+    let pair = PicturePair::new((truth.len() as u32, 1), &other, &truth, None)
+        .map_err(|error| EvalError::Pair { view: "of a level".into(), error })?;
+    Ok(psnr(&pair))
 }

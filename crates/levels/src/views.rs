@@ -9,7 +9,7 @@ const FOCAL_PX: f64 = 600.0;
 /// Cameras are at least this many radii from the centre.
 const NEAREST: f64 = 2.0;
 /// Longest side of a view, pixels. What is larger is seen in parts.
-pub const MOST_PX: u32 = 160;
+pub(crate) const MOST_PX: u32 = 160;
 /// Shortest side of a view, pixels.
 const LEAST_PX: f64 = 16.0;
 /// Pixels around the ball: splats reach beyond their means.
@@ -22,27 +22,27 @@ const CELL_PX: [f64; 2] = [0.7, 2.0];
 
 /// A view of a template, with what is behind the template.
 #[derive(Clone, Debug)]
-pub struct FitView {
+pub(crate) struct FitView {
     /// The camera, in the template's frame.
-    pub camera: Camera,
+    pub(crate) camera: Camera,
     /// Colour behind the template, so that its transparency is seen, too.
-    pub background: [f32; 3],
+    pub(crate) background: [f32; 3],
     /// Nothing of the template is nearer than this, template units.
-    pub near: f32,
+    pub(crate) near: f32,
 }
 
 /// A ball that contains a template's Gaussians.
 #[derive(Clone, Copy, Debug)]
-pub struct Ball {
-    /// Its centre.
-    pub center: DVec3,
-    /// Its radius.
-    pub radius: f64,
+pub(crate) struct Ball {
+    /// Middle of the box around the means, template units.
+    pub(crate) center: DVec3,
+    /// Largest distance of a mean from the centre, template units.
+    pub(crate) radius: f64,
 }
 
 impl Ball {
     /// The ball around the finite means of a cloud; `None` without any, or if all are in one place.
-    pub fn around(cloud: &Gaussians) -> Option<Self> {
+    pub(crate) fn around(cloud: &Gaussians) -> Option<Self> {
         let means: Vec<DVec3> =
             cloud.means.iter().map(|&m| glam::Vec3::from(m).as_dvec3()).filter(|m| m.is_finite()).collect();
         let low = means.iter().copied().reduce(DVec3::min)?;
@@ -55,16 +55,16 @@ impl Ball {
 
 /// What views of a level must show.
 #[derive(Clone, Copy, Debug)]
-pub struct LevelSize {
+pub(crate) struct LevelSize {
     /// A ball around the template.
-    pub ball: Ball,
+    pub(crate) ball: Ball,
     /// Side of the level's cells, template units.
-    pub cell: f64,
+    pub(crate) cell: f64,
 }
 
 /// `count` views of a template from directions all around it. Of one that is too large for a picture, each shows the
 /// surroundings of one of the level's Gaussians, drawn at random.
-pub fn views_around(size: LevelSize, level: &Gaussians, count: usize, rng: &mut Rng) -> Vec<FitView> {
+pub(crate) fn views_around(size: LevelSize, level: &Gaussians, count: usize, rng: &mut Rng) -> Vec<FitView> {
     (0..count).map(|_| view(size, level, rng)).collect()
 }
 

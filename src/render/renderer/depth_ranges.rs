@@ -18,7 +18,8 @@ use super::super::frame_buffers::FrameBuffers;
 use super::super::frame_stats::FrameStats;
 use super::super::layers::record_close_tiles;
 use super::super::render_options::{RenderOptions, view_of};
-use super::{Counters, EachSlab, Growth, Renderer, Start, check_fits, unreachable_state};
+use super::growth::Growth;
+use super::{Counters, EachSlab, Renderer, Start, check_fits, unreachable_state};
 use crate::gpu::{GpuError, Recorder};
 
 /// The depths from `begin` to below `end`, as bits of f32, which have their order.
