@@ -92,6 +92,7 @@ pub(super) fn arrived_of(counters: &Counters, capacities: Capacities) -> Arrived
         intersections: sum(|layer| layer.intersections),
         slabs: layers.len() as u32,
         layers: layers.len() as u32,
+        in_ranges: false,
         redone: 0,
         passes_ms: Vec::new(),
     })
@@ -116,7 +117,7 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         assert!(!ahead.is_full(), "a picture arrives before the next is submitted");
         let purpose = purpose_of(&extra, options);
-        self.prepare(purpose, scene, camera, options)?;
+        self.prepare(purpose, scene, camera, options, false)?;
         let Some(mut slot) = ahead.free.pop() else { return Ok(()) };
         match self.submit_slot(&mut slot, scene, camera, options, extra) {
             Ok((ticket, capacities)) => ahead.pending.push_back((slot, ticket, capacities)),

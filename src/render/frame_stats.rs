@@ -15,6 +15,8 @@ pub struct FrameStats {
     pub slabs: u32,
     /// Depth layers of the frame; 1 if it was drawn in one piece.
     pub layers: u32,
+    /// True if the host has chosen the layers, as depth ranges that fit the buffers.
+    pub in_ranges: bool,
     /// Number of restarts of the frame because a buffer was too small.
     pub redone: u32,
     /// (pass, milliseconds) in order; empty without profiling. Redone attempts are not included.
@@ -22,9 +24,9 @@ pub struct FrameStats {
 }
 
 impl FrameStats {
-    /// True if the frame is drawn by one submission: no layer took a second slab.
+    /// True if the frame is drawn by one submission: no layer took a second slab, or is a submission of its own.
     pub fn is_one_submission(&self) -> bool {
-        self.slabs == self.layers
+        self.slabs == self.layers && !self.in_ranges
     }
 
     /// (pass, milliseconds): sums over the frame's dispatches of the same pass, in the order of the first of each.

@@ -30,6 +30,9 @@ pub struct RenderOptions {
     /// Limits the buffers of visible chunks; frames that need more are drawn in several depth ranges, if they have no other
     /// passes than the blend. `None` = the device's limit.
     pub max_chunks: Option<u32>,
+    /// Frames that device memory, or its budget, is too small for are drawn in depth ranges, if they have no other passes
+    /// than the blend, with as small buffers as it takes; else they are an error.
+    pub divide_for_memory: bool,
     /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = the device's limit.
     pub max_intersections: Option<u32>,
 }
@@ -46,6 +49,7 @@ impl Default for RenderOptions {
             device_precision: DevicePrecision::F32,
             occlusion: false,
             max_chunks: None,
+            divide_for_memory: false,
             max_intersections: None,
         }
     }

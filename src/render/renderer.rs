@@ -62,6 +62,11 @@ impl EachSlab<'_> {
         matches!(self, Self::Blend(extra) if extra.is_empty())
     }
 
+    /// True if the picture is drawn in depth ranges where there is no memory for its buffers.
+    fn divides_for_memory(&self, options: &RenderOptions) -> bool {
+        options.divide_for_memory && self.is_blend_only()
+    }
+
     /// What a picture with these options is drawn for: the host wants whole lists, as optional passes do.
     fn purpose(&self, options: &RenderOptions) -> Purpose {
         match self {
@@ -123,8 +128,12 @@ pub struct Renderer {
     capacities: Capacities,
     /// The largest intersection buffer that could be allocated.
     most_intersections: u32,
-    /// True if the last frame had more visible chunks than the buffers can hold.
-    in_ranges: bool,
+    /// The most visible chunks whose buffers could be allocated, for frames that may be divided for it.
+    most_chunks: u32,
+    /// Why there are no larger ones.
+    shortage: Option<GpuError>,
+    /// The limit of visible chunks that the last frame was beyond, so that it was drawn in depth ranges.
+    beyond: Option<u32>,
     recorder: Recorder,
 }
 
@@ -173,7 +182,9 @@ impl Renderer {
             frame: None,
             capacities: INITIAL,
             most_intersections: u32::MAX,
-            in_ranges: false,
+            most_chunks: u32::MAX,
+            shortage: None,
+            beyond: None,
             recorder: if profile { Recorder::with_profiler(gpu)? } else { Recorder::new(gpu)? },
         })
     }
@@ -201,7 +212,8 @@ impl Renderer {
 
     /// Frees the memory of the last picture and resets its capacities, before a different scene is rendered.
     pub fn forget_picture(&mut self) {
-        (self.frame, self.capacities, self.most_intersections, self.in_ranges) = (None, INITIAL, u32::MAX, false);
+        (self.frame, self.capacities, self.beyond) = (None, INITIAL, None);
+        (self.most_intersections, self.most_chunks, self.shortage) = (u32::MAX, u32::MAX, None);
     }
 
     /// Uploads a scene for this renderer, in f32.
@@ -253,7 +265,7 @@ impl Renderer {
         options: &RenderOptions,
         mut each: EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
-        self.prepare(each.purpose(options), scene, camera, options)?;
+        self.prepare(each.purpose(options), scene, camera, options, each.divides_for_memory(options))?;
         let stats = self.render_prepared(scene, camera, options, &mut each);
         if stats.is_err() {
             self.recorder.abandon();
@@ -261,13 +273,15 @@ impl Renderer {
         stats
     }
 
-    /// Checks the inputs, and creates pipelines and buffers for them.
+    /// Checks the inputs, and creates pipelines and buffers for them. `divisible` says whether the frame may be drawn in
+    /// depth ranges where there is no memory for its buffers.
     pub(super) fn prepare(
         &mut self,
         purpose: Purpose,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
+        divisible: bool,
     ) -> Result<(), RenderError> {
         camera.validate().map_err(RenderError::Camera)?;
         options.check()?;
@@ -280,7 +294,7 @@ impl Renderer {
             return Err(RenderError::Option { option: "lod", reason });
         }
         self.prepare_pipelines(purpose, scene.traits(scene.sh_degree), [camera.width, camera.height])?;
-        self.prepare_frame(scene, camera, options)
+        self.prepare_frame(scene, camera, options, divisible)
     }
 
     /// Creates the resources of optional passes, after [`Renderer::prepare`].
@@ -312,14 +326,16 @@ impl Renderer {
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
-        if self.in_ranges && each.is_blend_only() {
+        let most = self.most_work_items(options.max_chunks, each.divides_for_memory(options));
+        if each.is_blend_only() && self.beyond.is_some_and(|limit| most <= limit) {
             return self.render_in_ranges(scene, camera, options, each);
         }
+        self.beyond = None;
         let view = view_of(camera, options);
         let last_layer = each.purpose(options).last_layer();
         let mut redone = 0;
         'frame: loop {
-            self.prepare_frame(scene, camera, options)?;
+            self.prepare_frame(scene, camera, options, each.divides_for_memory(options))?;
             if let EachSlab::Blend(extra) = each {
                 self.prepare_extra(extra)?;
             }
@@ -333,7 +349,8 @@ impl Renderer {
                 let start = if layer == 0 { Start::Frame } else { Start::Layer };
                 counters = self.submit_slab(scene, view, options, each, counters, start)?;
                 let Some(frame) = &self.frame else { unreachable_state() };
-                match self.grow(scene.chunk_pairs, frame.plan.capacities, &counters, options.max_chunks)? {
+                let most = self.most_work_items(options.max_chunks, each.divides_for_memory(options));
+                match self.grow(scene.chunk_pairs, frame.plan.capacities, &counters, most)? {
                     Growth::Fits => {}
                     Growth::Grown => {
                         redone += 1;
@@ -384,12 +401,13 @@ impl Renderer {
         Ok(())
     }
 
-    /// Makes the frame buffers fit image, scene and capacities.
+    /// Makes the frame buffers fit image, scene and capacities; see [`Renderer::prepare`].
     fn prepare_frame(
         &mut self,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
+        divisible: bool,
     ) -> Result<(), RenderError> {
         let mut capacities = self.capacities;
         capacities.work_items = capacities.work_items.min(options.max_chunks.unwrap_or(u32::MAX)).max(1);
@@ -402,29 +420,37 @@ impl Renderer {
         let size = [camera.width, camera.height];
         let workgroup = self.variant.workgroup_size;
         let tile_size = tile_size_for(&self.gpu, &self.variant, size);
-        let most_before = self.most_intersections;
+        let most_before = (self.most_intersections, self.most_chunks);
+        let mut shortage = None;
         loop {
             capacities.intersections = capacities.intersections.min(self.most_intersections);
+            if divisible {
+                capacities.work_items = capacities.work_items.min(self.most_chunks);
+            }
             let plan = FramePlan::new(size, tile_size, scene.instance_count, capacities, workgroup);
-            let plan = FramePlan { layered: options.occlusion || self.in_ranges, ..plan };
+            let plan = FramePlan { layered: options.occlusion || self.beyond.is_some(), ..plan };
             if self.frame.as_ref().is_some_and(|frame| frame.plan == plan) {
                 return Ok(());
             }
             // Free the old buffers first: both sets at once may not fit.
             self.frame = None;
-            match FrameBuffers::new(&self.gpu, plan) {
+            let frame = FrameBuffers::new(&self.gpu, plan).and_then(|frame| self.beside_its_picture(frame, divisible));
+            match frame {
                 Ok(frame) => {
                     self.frame = Some(frame);
+                    if self.most_chunks < most_before.1 {
+                        self.shortage = shortage;
+                    }
                     return Ok(());
                 }
-                // Depth slabs work with fewer intersections, down to those of one splat.
-                Err(GpuError::OutOfMemory { .. }) if plan.capacities.intersections > plan.tile_count() => {
-                    self.most_intersections = plan.capacities.intersections / 2;
+                Err(error @ GpuError::OutOfMemory { .. }) if self.make_do_with_less(&plan, divisible) => {
+                    shortage.get_or_insert(error);
                 }
                 Err(error) => {
-                    // The allocation failed anyway, so the reduced size must not limit later attempts.
-                    self.most_intersections = most_before;
-                    return Err(error.into());
+                    // The allocation failed anyway, so the reduced sizes must not limit later attempts. What was wanted at
+                    // first says more of what is missing than the least.
+                    (self.most_intersections, self.most_chunks) = most_before;
+                    return Err(shortage.unwrap_or(error).into());
                 }
             }
         }

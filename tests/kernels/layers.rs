@@ -6,14 +6,14 @@ use glam::{DMat3, DVec3};
 use instgs_reference::layers as twin;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::{download, upload};
-use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
+use instgs_vk::gpu::{Buffer, DeviceChoice, Gpu, GpuError, GpuOptions, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::pipelines::LayerPipelines;
 use instgs_vk::kernels::{Pipelines, Purpose, SceneTraits, Variant, close_tiles, next_layer, plan_layers};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::forward::read_counters;
 use instgs_vk::render::plan::Capacities;
-use instgs_vk::render::{Ahead, Arrived, ExtraPasses, RenderOptions, Renderer, Surfaces};
+use instgs_vk::render::{Ahead, Arrived, ExtraPasses, RenderError, RenderOptions, Renderer, Surfaces};
 use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, Instance, InstancedScene, SourceRange};
 
 use crate::common::gpu::{assert_silent, device_options, gpu};
@@ -192,6 +192,68 @@ fn ranges_are_as_small_as_it_takes() {
     let mut surfaces = Surfaces::new(&gpu).unwrap();
     let error = renderer.render_with_surfaces(&scene, &camera, &few, &mut surfaces).unwrap_err().to_string();
     assert!(error.contains("visible chunks") && error.contains("at most 5"), "{error}");
+    assert_silent(&gpu);
+}
+
+/// Where memory runs out before bindings do, a frame is drawn in depth slabs and ranges, too.
+#[test]
+fn little_memory_leads_to_ranges() {
+    let Some(shared) = gpu() else { return };
+    let options =
+        GpuOptions { device: DeviceChoice::Name(shared.caps().name.clone()), validation: true, ..Default::default() };
+    let gpu = Gpu::open(&options).unwrap();
+    let (mut balls, camera) = wall(400);
+    balls.instances.remove(0);
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let scene = renderer.upload(&balls).unwrap();
+    let whole = RenderOptions::default();
+    let divided = RenderOptions { divide_for_memory: true, ..whole };
+    renderer.render(&scene, &camera, &whole).unwrap();
+    let want = renderer.download().unwrap();
+    renderer.forget_picture();
+    let (without, _) = gpu.memory_usage();
+    gpu.reset_memory_peak();
+    // The first frame finds out how large the buffers have to be.
+    (0..2).for_each(|_| drop(renderer.render(&scene, &camera, &whole).unwrap()));
+    drop(renderer.download().unwrap());
+    let of_frame = gpu.memory_usage().1 - without;
+    let out_of_memory = |error: &RenderError| matches!(error, RenderError::Gpu(GpuError::OutOfMemory { .. }));
+    let (mut in_ranges, mut most_refused) = (0, 0);
+    for twentieth in 1..=20 {
+        let budget = without + of_frame * twentieth / 20;
+        renderer.forget_picture();
+        gpu.set_memory_budget(budget);
+        gpu.reset_memory_peak();
+        for _ in 0..2 {
+            match renderer.render(&scene, &camera, &divided) {
+                Ok(stats) => {
+                    assert_eq!(stats.in_ranges, stats.layers > 1);
+                    in_ranges += u32::from(stats.in_ranges);
+                    println!("{twentieth} twentieths: {} ranges, {} slabs", stats.layers, stats.slabs);
+                }
+                Err(error) => {
+                    assert!(out_of_memory(&error), "{error}");
+                    most_refused = twentieth;
+                    continue;
+                }
+            }
+            assert!(renderer.download().unwrap() == want, "{twentieth} twentieths");
+            assert!(gpu.memory_usage().1 <= budget);
+        }
+    }
+    assert!(in_ranges >= 12 && most_refused <= 3, "{in_ranges} in ranges, refused at {most_refused} twentieths");
+    // Only frames that may be are divided.
+    renderer.forget_picture();
+    gpu.set_memory_budget(without + of_frame / 2);
+    assert!(renderer.render(&scene, &camera, &divided).unwrap().in_ranges);
+    let error = renderer.render(&scene, &camera, &whole).unwrap_err();
+    assert!(out_of_memory(&error), "{error}");
+    gpu.set_memory_budget(u64::MAX);
+    assert!(!renderer.render(&scene, &camera, &whole).unwrap().in_ranges);
+    assert!(renderer.download().unwrap() == want);
+    let mut surfaces = Surfaces::new(&gpu).unwrap();
+    renderer.render_with_surfaces(&scene, &camera, &whole, &mut surfaces).unwrap();
+    assert!(renderer.download().unwrap() == want);
     assert_silent(&gpu);
 }
 

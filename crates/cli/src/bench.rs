@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::bench_report::print_report;
 use instgs_console::args::{
-    JsonArgs, LookArgs, PrecisionArgs, ViewArgs, open_scene_to_draw, parse_lod, parse_precision,
+    JsonArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, open_scene_to_draw, parse_lod, parse_precision,
 };
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer};
@@ -49,6 +49,8 @@ pub(super) struct BenchArgs {
     #[command(flatten)]
     pub(super) look: LookArgs,
     #[command(flatten)]
+    pub(super) memory: MemoryArgs,
+    #[command(flatten)]
     pub(super) json: JsonArgs,
 }
 
@@ -64,6 +66,7 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
         printer.warning(format_args!("{frames} frames are too few for {count} cameras: the first {frames} are timed"));
     }
     let gpu = device::open(device_args.choice())?;
+    args.memory.limit(&gpu);
     let scene = subject(&args.scene, &loaded, &args.look, args.precision.precision());
     let against = args.against.as_deref().zip(loaded_against.as_ref());
     let against_precision = args.against_precision.unwrap_or(args.precision.precision());

@@ -16,6 +16,7 @@ pub(super) fn run(
 ) -> Result<(), CliError> {
     let views = views(args, loaded, printer)?;
     let gpu = device::open(choice)?;
+    args.memory.limit(&gpu);
     let mut progress = printer.progress("bench", args.frames.into());
     let subject = subject(&args.scene, loaded, &args.look, args.precision.precision());
     let report = run_lod(&gpu, &subject, &args.lod, &views, args.frames, &mut || progress.step(""))?;

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::lpips_args::LpipsArgs;
 use super::picture_files;
-use instgs_console::args::{JsonArgs, LookArgs, SplitArg, create_folder, open_scene};
+use instgs_console::args::{JsonArgs, LookArgs, MemoryArgs, SplitArg, create_folder, open_scene};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
 use instgs_console::{CliError, Printer, failed_to_render};
@@ -61,6 +61,8 @@ pub(super) struct EvalArgs {
     #[command(flatten)]
     look: LookArgs,
     #[command(flatten)]
+    memory: MemoryArgs,
+    #[command(flatten)]
     pub(super) json: JsonArgs,
 }
 
@@ -77,6 +79,7 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let options = args.look.options(&loaded.scene);
     let place = args.scene.display();
     let gpu = device::open(device_args.choice())?;
+    args.memory.limit(&gpu);
     let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
     let scene = renderer.upload(&loaded.scene).map_err(failed_to_render(&place))?;
     let mut progress = printer.progress("eval", views.len() as u64);

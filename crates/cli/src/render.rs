@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Args;
 
 use super::picture_files::{self, Format};
-use instgs_console::args::{LodArgs, LookArgs, PrecisionArgs, ViewArgs, create_folder, open_scene_to_draw};
+use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, create_folder, open_scene_to_draw};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_vk::render::Renderer;
@@ -38,6 +38,8 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     look: LookArgs,
     #[command(flatten)]
+    memory: MemoryArgs,
+    #[command(flatten)]
     lod: LodArgs,
     #[command(flatten)]
     precision: PrecisionArgs,
@@ -63,6 +65,8 @@ struct RenderedFrame {
     visible: u64,
     intersections: u64,
     slabs: u32,
+    /// Depth layers or ranges; 1 = drawn in one piece.
+    layers: u32,
     /// Time to render, milliseconds, while buffers still grow in the first frames; `bench` measures exactly.
     ms: f64,
 }
@@ -74,6 +78,7 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
     let names = picture_files::names(&cameras)?;
     create_folder(&args.out)?;
     let gpu = device::open(device_args.choice())?;
+    args.memory.limit(&gpu);
     let place = args.scene.display();
     let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
     let scene = renderer.upload_for(&loaded.scene, &options).map_err(failed_to_render(&place))?;
@@ -93,6 +98,7 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
             visible: stats.visible,
             intersections: stats.intersections,
             slabs: stats.slabs,
+            layers: stats.layers,
             ms,
         });
     }

@@ -9,6 +9,7 @@ use crate::error::CliError;
 use crate::printer::Printer;
 use instgs_io::dataset::Split;
 use instgs_io::{IoError, LoadedScene, View, load_scene, load_scene_to_draw, read_cameras, read_views};
+use instgs_vk::gpu::Gpu;
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 use instgs_vk::scene::trajectory::Orbit;
@@ -191,6 +192,24 @@ pub struct LookArgs {
     occlusion: bool,
 }
 
+/// The flag for the budget of device memory, for commands that draw pictures one after the other.
+#[derive(Args)]
+pub struct MemoryArgs {
+    /// Device memory to draw with, the scene included, MiB; frames that need more are drawn in parts, with the same result
+    /// [default: what the device has]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    device_memory_mb: Option<u32>,
+}
+
+impl MemoryArgs {
+    /// Sets the budget of the device.
+    pub fn limit(&self, gpu: &Gpu) {
+        if let Some(mib) = self.device_memory_mb {
+            gpu.set_memory_budget(u64::from(mib) << 20);
+        }
+    }
+}
+
 /// The level-of-detail flag, for commands whose pictures are viewed rather than measured.
 #[derive(Args)]
 pub struct LodArgs {
@@ -241,6 +260,7 @@ impl LookArgs {
             background: self.background.map_or(default.background, |b| b.0),
             lod_error_px: default.lod_error_px,
             max_chunks: self.max_chunks,
+            divide_for_memory: true,
             max_intersections: self.max_intersections,
             occlusion: self.occlusion,
             ..default

@@ -66,14 +66,16 @@ impl Renderer {
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
-        let most = self.most_work_items(options.max_chunks);
-        self.in_ranges = true;
-        self.capacities.work_items = most;
+        self.capacities.work_items = self.most_work_items(options.max_chunks, options.divide_for_memory);
+        self.beyond = Some(self.capacities.work_items);
         // As for any frame of depth layers, which this one is from here on.
         let options = &RenderOptions { occlusion: true, ..*options };
-        self.prepare(Purpose::Layered, scene, camera, options)?;
-        let mut stats = FrameStats::default();
+        self.prepare(Purpose::Layered, scene, camera, options, options.divide_for_memory)?;
+        let mut stats = FrameStats { in_ranges: true, ..FrameStats::default() };
         let (mut counters, bins) = self.count_instances(scene, camera, options, &mut stats)?;
+        // The buffers are as they stay: less, maybe, than was asked for.
+        let most = self.most_work_items(options.max_chunks, options.divide_for_memory);
+        self.capacities.work_items = most;
         let mut left = vec![DepthRange::ALL];
         while let Some(range) = left.pop() {
             // Only the first and the last range of a frame are special.
@@ -94,7 +96,7 @@ impl Renderer {
             if needed > most {
                 match range.halves(&bins) {
                     Some([front, back]) => left.extend([back, front]),
-                    None => check_fits("visible chunks at one depth", needed, most)?,
+                    None => return Err(self.too_many_at_one_depth(needed, most)),
                 }
                 continue;
             }
@@ -105,8 +107,23 @@ impl Renderer {
             counters = self.finish_slabs(scene, view, options, each, counters, &mut stats)?;
         }
         // With some room, so that a moving camera does not change from one way to the other all the time.
-        self.in_ranges = stats.work_items > u64::from(most / 2);
+        self.beyond = (stats.work_items > u64::from(most / 2)).then_some(most);
         Ok(stats)
+    }
+
+    /// The error of a range of a single depth whose chunks do not fit: memory that ran out, if that is why there is no room.
+    fn too_many_at_one_depth(&mut self, needed: u32, most: u32) -> RenderError {
+        self.beyond = None;
+        match self.shortage.take() {
+            Some(shortage) if most == self.most_chunks => {
+                self.most_chunks = u32::MAX;
+                shortage.into()
+            }
+            _ => match check_fits("visible chunks at one depth", needed, most) {
+                Err(error) => error,
+                Ok(()) => unreachable_state(),
+            },
+        }
     }
 
     /// Finds the visible instances; returns the counters, and the chunks of these instances by bin of their nearest depth.
@@ -118,14 +135,15 @@ impl Renderer {
         stats: &mut FrameStats,
     ) -> Result<(Counters, Vec<u32>), RenderError> {
         loop {
-            self.prepare_frame(scene, camera, options)?;
+            self.prepare_frame(scene, camera, options, options.divide_for_memory)?;
             let mut counters = [0; COUNTER_COUNT as usize];
             counters[COUNTER_INSTANCES as usize] = scene.instance_count;
             counters = self.submit_counting(scene, camera, options, counters, record_instances_of_frame)?;
             scene.changes_submitted();
             let Some(frame) = &self.frame else { unreachable_state() };
             let bins = download(&self.gpu, &frame.layer_bins, LAYER_BINS as usize)?;
-            if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters, options.max_chunks)? == Growth::Fits {
+            let most = self.most_work_items(options.max_chunks, options.divide_for_memory);
+            if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters, most)? == Growth::Fits {
                 return Ok((counters, bins));
             }
             stats.redone += 1;

@@ -2,14 +2,20 @@
 
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
+use crate::gpu::{Buffer, GpuError};
 
 use super::super::error::RenderError;
+use super::super::frame_buffers::FrameBuffers;
 use super::super::image_frames::Needs;
 use super::super::layers::LayerNeeds;
-use super::super::plan::{Capacities, grown};
+use super::super::plan::{Capacities, FramePlan, grown};
 use super::{Counters, Renderer, check_fits, max_slab_splats};
 
-/// Largest intersection buffer that is grown to: 2^26 pairs take 1 GiB (16 bytes each); beyond that, slabs.
+/// Device memory of a (splat, tile) pair: two keys and two values.
+const PAIR_BYTES: u64 = 16;
+/// Device memory of a slot: splat, footprint, count of tiles, two keys and two values of the sort by depth, and an offset.
+const SLOT_BYTES: u64 = (size_of::<types::Splat>() + size_of::<types::Footprint>() + 6 * 4) as u64;
+/// Largest intersection buffer that is grown to: 2^26 pairs take 1 GiB; beyond that, slabs.
 const MOST_INTERSECTIONS: u64 = 1 << 26;
 
 /// What buffers needed after a frame.
@@ -27,7 +33,7 @@ pub(super) enum Growth {
 }
 
 impl Renderer {
-    /// Enlarges buffers, of capacities `have`, that the frame overflowed. `max_chunks` is that of the options.
+    /// Enlarges buffers, of capacities `have`, that the frame overflowed; `most` is what [`Self::most_work_items`] says.
     ///
     /// # Errors
     /// More candidates than the device can hold.
@@ -36,7 +42,7 @@ impl Renderer {
         chunk_pairs: u64,
         have: Capacities,
         counters: &Counters,
-        max_chunks: Option<u32>,
+        most: u32,
     ) -> Result<Growth, RenderError> {
         let candidates = counters[COUNTER_CANDIDATES_NEEDED as usize];
         let work_items = counters[COUNTER_WORK_ITEMS_NEEDED as usize];
@@ -47,7 +53,6 @@ impl Renderer {
             return Ok(Growth::Grown);
         }
         if work_items > have.work_items {
-            let most = self.most_work_items(max_chunks);
             if work_items > most {
                 return Ok(Growth::Beyond { most });
             }
@@ -59,10 +64,37 @@ impl Renderer {
         Ok(Growth::Fits)
     }
 
-    /// The largest number of visible chunks whose splats a buffer can hold.
-    pub(super) fn most_work_items(&self, max_chunks: Option<u32>) -> u32 {
+    /// The largest number of visible chunks whose splats a buffer can hold, at most `max_chunks`; of a frame that is
+    /// `divisible` into depth ranges, the largest for which there was memory.
+    pub(super) fn most_work_items(&self, max_chunks: Option<u32>, divisible: bool) -> u32 {
         let most_slots = (self.gpu.caps().max_storage_bytes / size_of::<types::Splat>() as u64).min(1 << 31) as u32;
-        (most_slots / self.variant.workgroup_size).min(max_chunks.unwrap_or(u32::MAX))
+        let of_memory = if divisible { self.most_chunks } else { u32::MAX };
+        (most_slots / self.variant.workgroup_size).min(max_chunks.unwrap_or(u32::MAX)).min(of_memory)
+    }
+
+    /// The buffers of a frame, if there is memory beside them for its picture's way to the host. Only asked of frames that
+    /// may be divided, which fill what memory there is.
+    pub(super) fn beside_its_picture(&self, frame: FrameBuffers, divisible: bool) -> Result<FrameBuffers, GpuError> {
+        if divisible {
+            drop(Buffer::<[f32; 4]>::for_readback(&self.gpu, "readback", frame.plan.pixels() as usize)?);
+        }
+        Ok(frame)
+    }
+
+    /// Halves what takes most of `plan`, for which there is no memory: fewer intersections lead to more depth slabs, down to
+    /// those of one splat, and fewer chunks, if the frame is divisible, to depth ranges. False if there is nothing left to
+    /// halve.
+    pub(super) fn make_do_with_less(&mut self, plan: &FramePlan, divisible: bool) -> bool {
+        let Capacities { intersections, work_items, .. } = plan.capacities;
+        let halves_pairs = intersections > plan.tile_count();
+        let halves_chunks = divisible && work_items > 1;
+        let pairs_take_more = u64::from(intersections) * PAIR_BYTES > u64::from(plan.slots) * SLOT_BYTES;
+        if halves_chunks && (!halves_pairs || !pairs_take_more) {
+            self.most_chunks = work_items / 2;
+        } else if halves_pairs {
+            self.most_intersections = intersections / 2;
+        }
+        halves_pairs || halves_chunks
     }
 
     /// Enlarges the buffers that an earlier frame overflowed, for frames that are recorded from now on.
@@ -72,10 +104,11 @@ impl Renderer {
     pub(in super::super) fn grow_for_next(&mut self, counters: &Counters, needs: Needs) -> Result<(), RenderError> {
         let before = self.capacities;
         let layers = LayerNeeds::of_frame(counters);
-        let most = |of: fn(&LayerNeeds) -> u32| layers.iter().map(of).max().unwrap_or(0);
+        let largest = |of: fn(&LayerNeeds) -> u32| layers.iter().map(of).max().unwrap_or(0);
         let mut counters = *counters;
-        counters[COUNTER_WORK_ITEMS_NEEDED as usize] = most(|layer| layer.work_items);
-        let growth = self.grow(needs.chunk_pairs, needs.have, &counters, needs.max_chunks)?;
+        counters[COUNTER_WORK_ITEMS_NEEDED as usize] = largest(|layer| layer.work_items);
+        let most = self.most_work_items(needs.max_chunks, false);
+        let growth = self.grow(needs.chunk_pairs, needs.have, &counters, most)?;
         if let Growth::Beyond { most } = growth {
             check_fits("visible chunks", counters[COUNTER_WORK_ITEMS_NEEDED as usize], most)?;
         }
@@ -86,8 +119,8 @@ impl Renderer {
             return Ok(());
         }
         let most_splats = max_slab_splats(&self.gpu, &self.variant);
-        check_fits("splats of a picture in one depth slab", most(|layer| layer.visible), most_splats)?;
-        let needed = most(|layer| layer.intersections);
+        check_fits("splats of a picture in one depth slab", largest(|layer| layer.visible), most_splats)?;
+        let needed = largest(|layer| layer.intersections);
         let most = self.most_intersections_of_device();
         let allowed = most.min(self.most_intersections).min(needs.max_intersections.unwrap_or(u32::MAX));
         check_fits(
