@@ -26,17 +26,20 @@ pub enum Figure {
     Cost,
 }
 
-/// All figures, and what drivers call them: of RADV (AMD), NVK (NVIDIA), ANV (Intel) and Turnip (Adreno), in this order where
-/// they differ. Names are compared without case, and several that one driver gives are added.
+/// All figures, and what drivers call them: of RADV (AMD), NVK (NVIDIA), ANV (Intel), Turnip (Adreno) and NVIDIA's own driver, in
+/// this order where they differ. Names are compared without case, and several that one driver gives are added.
 const NAMES: [(Figure, &[&str]); 7] = [
-    (Figure::Registers, &["vgprs", "number of gprs", "registers used"]),
+    (Figure::Registers, &["vgprs", "number of gprs", "registers used", "register count"]),
     (Figure::Spills, &["spilled vgprs", "spilled sgprs", "spills to memory", "spill count"]),
-    (Figure::ScratchBytes, &["scratch size", "slm size", "scratch memory size"]),
+    (Figure::ScratchBytes, &["scratch size", "slm size", "scratch memory size", "stack size"]),
     (Figure::Waves, &["subgroups per simd", "max warps/sm", "max waves per core"]),
-    (Figure::CodeBytes, &["code size"]),
+    (Figure::CodeBytes, &["code size", "binary size"]),
     (Figure::Instructions, &["instructions", "instruction count"]),
     (Figure::Cost, &["inverse throughput", "static cycle count", "cycle count"]),
 ];
+
+/// What says nothing: of every kernel NVIDIA's driver 580 gives 64 GiB.
+const MEANINGLESS: [&str; 1] = ["local memory size"];
 
 impl Figure {
     /// True if a budget is a floor; else it is a ceiling.
@@ -94,7 +97,7 @@ fn figures(executable: &Executable, code_unit: u64) -> Figures {
 fn unknown(executables: &[Executable]) -> BTreeMap<String, f64> {
     let mut out = BTreeMap::new();
     for (name, value) in executables.iter().flat_map(|piece| &piece.statistics) {
-        if figure_of(name).is_none() {
+        if figure_of(name).is_none() && !MEANINGLESS.contains(&name.to_lowercase().as_str()) {
             let largest: &mut f64 = out.entry(name.clone()).or_insert(*value);
             *largest = largest.max(*value);
         }
@@ -192,6 +195,11 @@ mod tests {
         assert_eq!(unknown(&[amd, executable(&[("Hash", 9.0)])]), BTreeMap::from([("Hash".to_owned(), 9.0)]));
         let nvidia = executable(&[("Number of GPRs", 64.0), ("Max warps/SM", 32.0)]);
         assert_eq!(figures(&nvidia, 1), Figures::from([(Figure::Registers, 64), (Figure::Waves, 32)]));
+        let names =
+            [("Register Count", 56.0), ("Binary Size", 23040.0), ("Stack Size", 0.0), ("Local Memory Size", 7e10)];
+        let own = executable(&names);
+        let expected = [(Figure::Registers, 56), (Figure::ScratchBytes, 0), (Figure::CodeBytes, 23040)];
+        assert_eq!((figures(&own, 1), unknown(&[own])), (Figures::from(expected), BTreeMap::new()));
         let adreno = executable(&[("Code size", 50.0), ("Instruction Count", 25.0)]);
         let unit = code_unit("turnip Mesa driver Mesa 25.0.7");
         assert_eq!(figures(&adreno, unit), Figures::from([(Figure::CodeBytes, 200), (Figure::Instructions, 25)]));
