@@ -64,7 +64,7 @@ fn every_command_has_a_man_page() {
 #[test]
 fn keys_are_listed_and_explained() {
     let all = stdout_of(&["config", "list"]);
-    assert!(all.lines().count() > 100 && all.contains("joint.steps = 10000"), "{all}");
+    assert!(all.lines().count() > 100 && all.contains("joint.steps = 27000"), "{all}");
     let some = stdout_of(&["config", "list", "mcmc."]);
     assert!(some.lines().all(|line| line.starts_with("mcmc.")) && some.lines().count() == 9, "{some}");
     let text = stdout_of(&["config", "show", "densify.recycle"]);

@@ -142,6 +142,8 @@ impl JoinArgs {
             return Err(CliError::msg("--refine: the first block's scene has no config.toml beside it; give --config"));
         };
         let mut builder = ConfigBuilder::new().file(&file)?.flag("--refine", "method", Method::Instanced.name())?;
+        // The bounds of a block's growth are not those of the whole, which has grown already.
+        builder = builder.flag("--refine", "joint.grow_fraction", 0.0)?.flag("--refine", "densify.recycle", 0.0)?;
         for assignment in &self.set {
             builder = builder.set(assignment)?;
         }

@@ -88,8 +88,8 @@ impl CompareArgs {
         for &seed in &self.seeds {
             builder = builder.flag("--seeds", "seed", as_i64(seed)?)?;
         }
-        let mut config = builder.finish()?;
-        (config.train.method, config.train.seed) = (Method::Instanced, 0);
+        let mut config = builder.flag("compare", "method", Method::Instanced.name())?.finish()?;
+        config.train.seed = 0;
         if config.train.init_scene.is_some() {
             let what = "compare trains its own plain cloud, of which it knows the time: leave out init_scene";
             return Err(CliError::msg(what));

@@ -123,8 +123,7 @@ impl SegmentArgs {
         if let Some(width) = self.width {
             builder = builder.flag("--width", "width", i64::from(width))?;
         }
-        let mut config = builder.finish()?;
-        config.train.method = Method::Instanced;
+        let mut config = builder.flag("segment", "method", Method::Instanced.name())?.finish()?;
         config.pipeline.groups = None;
         Ok(config)
     }

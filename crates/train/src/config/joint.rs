@@ -126,6 +126,7 @@ impl TrainConfig {
     pub fn cloud_alone(&self) -> Self {
         let mut config = self.cloud_phase();
         (config.rates.final_factor, config.rates.decay_start) = (self.joint.final_factor, self.joint.decay_start);
+        config.rates.decay_steps = 0;
         config
     }
 
@@ -185,12 +186,12 @@ mod tests {
     #[test]
     fn what_is_switched_off_is_held() -> Result<(), ConfigError> {
         let rates = joint(&[])?.rates_at(0, 2.0);
-        assert_eq!((rates.template.means, rates.offsets.means, rates.background.sh_dc), (1.6e-4, 1.6e-4, 2.5e-3));
-        assert_eq!((rates.offsets.sh_rest, rates.offsets.quats, rates.poses.log_scale), (0.0, 0.0, 0.0));
+        assert_eq!((rates.template.means, rates.offsets.means, rates.background.sh_dc), (3.2e-4, 3.2e-4, 2.5e-3));
+        assert_eq!((rates.offsets.sh_rest, rates.offsets.quats, rates.poses.log_scale), (0.0, 1e-3, 0.0));
         assert!(rates.poses.rotation > 0.0 && rates.poses.translation > 0.0);
-        let rates = joint(&["offsets.position=false", "offsets.covariance=true", "joint.refine_poses=false"])?;
+        let rates = joint(&["offsets.position=false", "offsets.covariance=false", "joint.refine_poses=false"])?;
         let rates = rates.rates_at(0, 2.0);
-        assert_eq!((rates.offsets.means, rates.offsets.log_scales), (0.0, 5e-3));
+        assert_eq!((rates.offsets.means, rates.offsets.log_scales, rates.offsets.quats), (0.0, 0.0, 0.0));
         assert!(rates.poses.are_held() && rates.offsets.opacity > 0.0);
         Ok(())
     }
@@ -198,13 +199,14 @@ mod tests {
     #[test]
     fn phases_have_their_own_steps_and_rates() -> Result<(), ConfigError> {
         let config = joint(&["joint.steps=40", "steps=1000", "joint.final_factor=0.25", "joint.decay_start=0"])?;
-        assert_eq!((config.steps, config.method, config.strategy), (40, Method::Instanced, Strategy::None));
+        assert_eq!((config.steps, config.method, config.strategy), (40, Method::Instanced, Strategy::Densify));
+        assert_eq!(joint(&["joint.grow_fraction=0"])?.strategy, Strategy::None);
         assert_eq!(config.sh_degree_at(0), 3);
         let half = config.rates_at(20, 1.0);
         assert!((half.template.opacity / 0.0125 - 1.0).abs() < 1e-12);
-        assert!((half.offsets.means / (8e-5f64 * 1.6e-6).sqrt() - 1.0).abs() < 1e-12);
+        assert!((half.offsets.means / (1.6e-4f64 * 1.6e-5).sqrt() - 1.0).abs() < 1e-12);
         let alone = config.cloud_alone();
-        assert_eq!((alone.method, alone.rates.final_factor), (Method::Gaussians, 0.25));
+        assert_eq!((alone.method, alone.rates.final_factor, alone.rates.decay_steps), (Method::Gaussians, 0.25, 0));
         assert!((alone.rates_at(20, 1.0).background.opacity / 0.0125 - 1.0).abs() < 1e-12);
         let first = config.cloud_phase();
         assert_eq!((first.method, first.rates_at(0, 1.0).offsets.means), (Method::Gaussians, 0.0));

@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 102] = [
+pub const KEYS: [Key; 103] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -80,6 +80,7 @@ pub const KEYS: [Key; 102] = [
     key("rates.log_scales", Real(0.0, RATE_MAX)),
     key("rates.quats", Real(0.0, RATE_MAX)),
     key("rates.final_factor", RealAbove(0.0, RATE_MAX)),
+    key("rates.decay_steps", Whole(0, STEPS_MAX)),
     key("rates.decay_start", RealBelow(0.0, 1.0)),
     key("rates.beta1", RealBelow(0.0, 1.0)),
     key("rates.beta2", RealBelow(0.0, 1.0)),

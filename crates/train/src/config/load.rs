@@ -18,8 +18,15 @@ pub trait Configuration: Sized {
     /// Every key, in the order in which a file is written.
     fn keys() -> Vec<Key>;
 
-    /// Names and texts of the files that together hold the default of every key.
+    /// Names and texts of the files that together hold the default of every key. Of a key in several of them the first
+    /// counts, but see [`Self::replaces_defaults`].
     fn defaults() -> &'static [(&'static str, &'static str)];
+
+    /// True if the file `name` of [`Self::defaults`] replaces what the files before it say, where the layers above the
+    /// defaults choose `method`.
+    fn replaces_defaults(_name: &str, _method: Option<&str>) -> bool {
+        false
+    }
 
     /// Names and texts of the built-in files that `--config` knows.
     fn presets() -> &'static [(&'static str, &'static str)];
@@ -76,6 +83,10 @@ impl<C: Configuration> Layers<C> {
     /// # Errors
     /// The file does not exist or is not TOML, or it has an unknown key or a value that its key does not accept.
     pub fn file(self, name_or_path: &str) -> Result<Self, ConfigError> {
+        if C::defaults().first().is_some_and(|(name, _)| *name == name_or_path) {
+            // It is below all layers anyway; here it would hide the defaults of a method.
+            return Ok(self);
+        }
         if let Some((name, text)) = C::presets().iter().find(|(name, _)| *name == name_or_path) {
             return self.text(text, &format!("preset {name}"));
         }
@@ -135,8 +146,15 @@ impl<C: Configuration> Layers<C> {
     /// Values that do not go together.
     pub fn finish(self) -> Result<C, ConfigError> {
         let mut all = Self::new();
+        let method = self.values.get("method").and_then(|(value, _)| value.as_str());
         for (name, defaults) in C::defaults() {
-            all = all.text(defaults, &format!("preset {name}"))?;
+            let layer = Self::new().text(defaults, &format!("preset {name}"))?;
+            let replaces = C::replaces_defaults(name, method);
+            for (key, value) in layer.values {
+                if replaces || !all.values.contains_key(key) {
+                    all.values.insert(key, value);
+                }
+            }
         }
         all.values.extend(self.values);
         let mut table = Table::new();

@@ -33,8 +33,6 @@ fn presets_load_and_say_what_they_are() -> Test {
         let config = ConfigBuilder::new().file(name)?.finish()?;
         assert_eq!(ConfigBuilder::new().text(&config.to_toml()?, "x")?.finish()?, config, "{name}");
     }
-    let paper = ConfigBuilder::new().file("paper")?.finish()?;
-    assert_eq!((paper.steps, paper.densify.start, paper.densify.stop), (30_000, 500, 30_000));
     let mcmc = ConfigBuilder::new().file("mcmc")?.finish()?;
     assert_eq!((mcmc.strategy, mcmc.init_opacity, mcmc.init_scale), (Strategy::Mcmc, 0.5, 0.1));
     let quick = ConfigBuilder::new().file("quick")?.finish()?;
@@ -135,7 +133,7 @@ fn syntax_errors_are_one_line_with_the_line() {
     // A line break must not bring in a second key.
     assert!(text_of(ConfigBuilder::new().set("steps=5\nwidth=6")).contains("steps = "));
     let missing = text_of(ConfigBuilder::new().file("no/such.toml"));
-    assert!(missing.contains("no/such.toml") && missing.contains("preset (default, quick, paper, mcmc)"), "{missing}");
+    assert!(missing.contains("no/such.toml") && missing.contains("preset (default, quick, mcmc)"), "{missing}");
 }
 
 #[test]

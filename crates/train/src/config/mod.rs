@@ -29,10 +29,9 @@ pub use load::{Configuration, Layers, differences, to_toml};
 pub use schedule::{GaussianRates, PoseRates, Rates};
 
 /// Name and text of each preset of the trainer; the first holds the defaults.
-pub const PRESETS: [(&str, &str); 4] = [
+pub const PRESETS: [(&str, &str); 3] = [
     ("default", include_str!("../../../../configs/default.toml")),
     ("quick", include_str!("../../../../configs/quick.toml")),
-    ("paper", include_str!("../../../../configs/paper.toml")),
     ("mcmc", include_str!("../../../../configs/mcmc.toml")),
 ];
 
@@ -180,9 +179,11 @@ pub struct RateConfig {
     pub log_scales: f64,
     /// Rate of the quaternions.
     pub quats: f64,
-    /// Factor that all learning rates but those of the centres have reached at the end.
+    /// Factor that all learning rates but those of the centres have reached after `decay_steps`.
     pub final_factor: f64,
-    /// Fraction of the steps after which the rates begin to decay, in 0..1.
+    /// Steps of that decay; 0 = those of the whole training.
+    pub decay_steps: u64,
+    /// Fraction of these steps after which the rates begin to decay, in 0..1.
     pub decay_start: f64,
     /// Adam's decay rate of the mean gradient, in 0..1.
     pub beta1: f64,

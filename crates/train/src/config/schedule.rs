@@ -68,8 +68,9 @@ impl TrainConfig {
             return self.joint_rates_at(step, extent);
         }
         let rates = &self.rates;
-        let means_steps = if rates.means_steps == 0 { self.steps } else { rates.means_steps };
-        let factor = late_decay(rates.final_factor, rates.decay_start, step, self.steps);
+        let all_if_zero = |steps| if steps == 0 { self.steps } else { steps };
+        let means_steps = all_if_zero(rates.means_steps);
+        let factor = late_decay(rates.final_factor, rates.decay_start, step, all_if_zero(rates.decay_steps));
         let source = GaussianRates {
             means: log_linear(rates.means, rates.means_final, step, means_steps) * extent,
             sh_dc: rates.sh_dc * factor,
@@ -187,14 +188,19 @@ mod tests {
 
     #[test]
     fn other_rates_stay_unless_told_to_decay() -> Result<(), ConfigError> {
-        let rates = with(&[])?.rates_at(29_999, 5.0).template;
+        let rates = with(&["rates.final_factor=1"])?.rates_at(29_999, 5.0).template;
         assert_eq!((rates.sh_dc, rates.sh_rest, rates.opacity), (2.5e-3, 1.25e-4, 0.025));
         assert_eq!((rates.log_scales, rates.quats), (5e-3, 1e-3));
-        let decaying = with(&["rates.final_factor=0.01", "steps=200"])?;
+        // A run of 7,000 steps goes through the first 7,000 of 30,000.
+        let [short, long] = [with(&["steps=7000"])?, with(&[])?].map(|config| config.rates_at(7_000, 5.0));
+        assert_eq!(short.template, long.template);
+        assert!((short.template.quats / 1e-3 / 0.1_f64.powf(7.0 / 30.0) - 1.0).abs() < 1e-12);
+        assert_eq!(with(&[])?.rates_at(40_000, 5.0).template.quats, 1e-3 * 0.1);
+        let decaying = with(&["rates.final_factor=0.01", "rates.decay_steps=0", "steps=200"])?;
         assert_eq!(decaying.rates_at(0, 1.0).template.quats, 1e-3);
         assert!((decaying.rates_at(100, 1.0).template.quats / 1e-4 - 1.0).abs() < 1e-12);
         assert_eq!(decaying.rates_at(200, 1.0).template.opacity, 0.025 * 0.01);
-        let late = with(&["rates.final_factor=0.01", "rates.decay_start=0.8", "steps=200"])?;
+        let late = with(&["rates.final_factor=0.01", "rates.decay_steps=200", "rates.decay_start=0.8"])?;
         let opacity = |step| late.rates_at(step, 1.0).template.opacity / 0.025;
         assert_eq!([opacity(0), opacity(160)], [1.0, 1.0]);
         assert!((opacity(180) / 0.1 - 1.0).abs() < 1e-12 && opacity(161) < 1.0);

@@ -99,8 +99,8 @@ fn config_of(list: &SceneList, job: &SceneJob, data: &Path) -> Result<RunConfig,
     if job.true_groups {
         builder = builder.flag("true_groups", "groups", absolute("true_groups", &data.join("groups.json"))?)?;
     }
-    let mut config = builder.finish()?;
-    (config.train.method, config.train.seed) = (Method::Instanced, 0);
+    let mut config = builder.flag("tables", "method", Method::Instanced.name())?.finish()?;
+    config.train.seed = 0;
     Ok(config)
 }
 

@@ -17,21 +17,25 @@ use crate::template::{
 use instgs_detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
 use instgs_train::config::keys::Key;
 use instgs_train::config::{
-    ConfigError, Configuration, Layers, PRESETS as TRAINER_PRESETS, TrainConfig, differences, empty_is_none, to_toml,
+    ConfigError, Configuration, Layers, Method, PRESETS as TRAINER_PRESETS, TrainConfig, differences, empty_is_none,
+    to_toml,
 };
 
 /// Name and text of each preset that `--config` knows; the first two hold the defaults.
 pub const PRESETS: [(&str, &str); 9] = [
     TRAINER_PRESETS[0],
-    ("instgs", include_str!("../../../../../configs/instgs.toml")),
+    (INSTGS, include_str!("../../../../../configs/instgs.toml")),
     TRAINER_PRESETS[1],
+    ("paper", include_str!("../../../../../configs/paper.toml")),
     TRAINER_PRESETS[2],
-    TRAINER_PRESETS[3],
     ("instgs_quick", include_str!("../../../../../configs/instgs_quick.toml")),
     ("instgs_early", include_str!("../../../../../configs/instgs_early.toml")),
     ("instgs_renders", include_str!("../../../../../configs/instgs_renders.toml")),
     ("instgs_sparse", include_str!("../../../../../configs/instgs_sparse.toml")),
 ];
+
+/// The preset whose values are the defaults of `method = "instgs"`.
+const INSTGS: &str = "instgs";
 
 /// The layers of the configuration of a whole run.
 pub type ConfigBuilder = Layers<RunConfig>;
@@ -218,6 +222,10 @@ impl Configuration for RunConfig {
         &PRESETS[..2]
     }
 
+    fn replaces_defaults(name: &str, method: Option<&str>) -> bool {
+        name == INSTGS && method == Some(Method::Instanced.name())
+    }
+
     fn presets() -> &'static [(&'static str, &'static str)] {
         &PRESETS
     }
@@ -256,6 +264,9 @@ impl Configuration for RunConfig {
 
     fn check(&self, shown: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
         self.train.check(shown)?;
+        if self.train.method != Method::Instanced {
+            return Ok(());
+        }
         let compares = self.pipeline.offsets.init == OffsetInit::Difference && self.template_options().kinds.any();
         if self.pipeline.template.unmatched == Unmatched::Own && !compares {
             let first = shown("template.unmatched");

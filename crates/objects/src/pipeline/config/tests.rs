@@ -24,7 +24,9 @@ fn defaults_tables_and_structs_have_the_same_keys() -> Test {
     assert_eq!((trainer.len(), own.len()), (TRAINER_KEYS.len(), keys::KEYS.len()), "a key is listed twice");
     assert!(trainer.is_disjoint(&own), "a key has two owners");
     assert_eq!(keys_of(PRESETS[0].1)?, trainer);
-    assert_eq!(keys_of(PRESETS[1].1)?, own);
+    // And what is different with templates and instances.
+    let methods = ["method", "steps", "rates.final_factor", "densify.recycle"].map(String::from).into();
+    assert_eq!(keys_of(PRESETS[1].1)?, &own | &methods);
     assert_eq!(keys_of(&RunConfig::default().to_toml()?)?, &trainer | &own);
     assert_eq!(keys_of(&TrainConfig::default().to_toml()?)?, trainer);
     Ok(())
@@ -51,6 +53,8 @@ fn presets_and_reports_load_to_the_same_values() -> Test {
         assert_eq!(ConfigBuilder::new().text(&config.to_toml()?, "x")?.finish()?, config, "{name}");
         assert_eq!(serde_json::from_str::<RunConfig>(&serde_json::to_string(&config)?)?, config, "{name}");
     }
+    let paper = ConfigBuilder::new().file("paper")?.finish()?.train;
+    assert_eq!((paper.steps, paper.densify.start, paper.densify.stop), (30_000, 500, 30_000));
     let quick = ConfigBuilder::new().file("instgs_quick")?.finish()?;
     assert_eq!((quick.train.method, quick.pipeline.template.count_factor), (Method::Instanced, 1.3));
     let missing = ConfigBuilder::new().file("no/such.toml").err().map(|e| e.to_string()).unwrap_or_default();
@@ -60,6 +64,29 @@ fn presets_and_reports_load_to_the_same_values() -> Test {
         ),
         "{missing}"
     );
+    Ok(())
+}
+
+/// `instgs.toml` has values of the trainer's keys for one method only.
+#[test]
+fn methods_have_defaults_of_their_own() -> Test {
+    let of = |layers: &[&str]| -> Result<_, Box<dyn std::error::Error>> {
+        let add = |builder: ConfigBuilder, set: &&str| builder.set(set);
+        let config = layers.iter().try_fold(ConfigBuilder::new(), add)?.finish()?.train;
+        Ok((config.steps, config.joint.steps, config.densify.recycle))
+    };
+    assert_eq!(of(&[])?, (30_000, 27_000, 0.0));
+    assert_eq!(of(&["method=3dgs"])?, of(&[])?);
+    assert_eq!(of(&["method=instgs"])?, (3_000, 27_000, 0.05));
+    assert_eq!(of(&["method=instgs", "steps=70", "joint.steps=30"])?, (70, 30, 0.05));
+    let default = ConfigBuilder::new().file("default")?.set("method=instgs")?.finish()?;
+    assert_eq!((default.train.steps, default.train.rates.final_factor), (3_000, 1.0));
+    assert_eq!(ConfigBuilder::new().file("default")?.finish()?, RunConfig::default());
+    let preset = ConfigBuilder::new().file("instgs")?.finish()?;
+    assert_eq!(preset, ConfigBuilder::new().set("method=instgs")?.finish()?);
+    assert_eq!(ConfigBuilder::new().file("instgs_quick")?.finish()?.train.densify.recycle, 0.0);
+    // A preset's own value stays if another method is asked for.
+    assert_eq!(ConfigBuilder::new().file("instgs_renders")?.set("method=3dgs")?.finish()?.train.densify.recycle, 0.05);
     Ok(())
 }
 
@@ -96,7 +123,7 @@ fn differences_have_both_values() -> Test {
     let want = [
         ("steps", config.train.steps.to_string(), "7".to_owned()),
         ("joint.refine_poses", "true".to_owned(), "false".to_owned()),
-        ("joint.prune_weight", config.pipeline.joint.prune_weight.to_string(), "0.5".to_owned()),
+        ("joint.prune_weight", format!("{:?}", config.pipeline.joint.prune_weight), "0.5".to_owned()),
     ];
     let mut found = config.differences(&other)?;
     found.sort_by_key(|(key, ..)| std::cmp::Reverse(key.clone()));
