@@ -294,7 +294,9 @@ impl Query {
     }
 
     fn offer(&self, place: &Place, nearest: &mut impl Nearest) {
-        let from_place = [0, 1, 2].map(|axis| f64::from(place.at[axis]) - self.at[axis]);
+        // By hand, since compilers do not inline `map` of an array here, which cost a fourth of the search.
+        let ([px, py, pz], [x, y, z]) = (place.at, self.at);
+        let from_place = [f64::from(px) - x, f64::from(py) - y, f64::from(pz) - z];
         nearest.offer(Found { squared: squared_length(from_place), place: place.number });
     }
 }
