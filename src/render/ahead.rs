@@ -117,7 +117,9 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         assert!(!ahead.is_full(), "a picture arrives before the next is submitted");
         let purpose = purpose_of(&extra, options);
-        self.prepare(purpose, scene, camera, options, false)?;
+        // One submission, which nobody divides.
+        let options = &RenderOptions { divide_for_memory: false, ..*options };
+        self.prepare(purpose, scene, camera, options)?;
         let Some(mut slot) = ahead.free.pop() else { return Ok(()) };
         match self.submit_slot(&mut slot, scene, camera, options, extra) {
             Ok((ticket, capacities)) => ahead.pending.push_back((slot, ticket, capacities)),

@@ -174,7 +174,9 @@ impl Renderer {
             return Err(RenderError::Busy { pending: frames.pending.len() });
         }
         let purpose = purpose_of(&ExtraPasses::default(), options);
-        self.prepare(purpose, scene, camera, options, false)?;
+        // One submission, which nobody divides.
+        let options = &RenderOptions { divide_for_memory: false, ..*options };
+        self.prepare(purpose, scene, camera, options)?;
         let Some(mut slot) = frames.free.pop() else { return Err(RenderError::Busy { pending: 0 }) };
         // SAFETY: guaranteed by the caller.
         let recorded = unsafe { slot.recorder.begin_in(commands) }.map_err(RenderError::from).and_then(|()| {

@@ -1,6 +1,13 @@
 //! Computes buffer lengths from counts and capacities, without Vulkan.
 
 use crate::gpu::interface::constants::{BLOCK_SIZE, RADIX_BITS, RADIX_SIZE};
+use crate::gpu::interface::types;
+
+/// Device memory of a splat slot besides what training adds, bytes: splat, footprint, tile count, two buffers of depth keys and
+/// slots, scanned offset.
+pub const SLOT_BYTES: u64 = (size_of::<types::Splat>() + size_of::<types::Footprint>() + 4 + 16 + 4) as u64;
+/// Device memory of a (splat, tile) pair besides what training adds, bytes: two buffers of tile keys and slots.
+pub const PAIR_BYTES: u64 = 16;
 
 /// Capacities of the growing buffers, in elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -62,11 +62,6 @@ impl EachSlab<'_> {
         matches!(self, Self::Blend(extra) if extra.is_empty())
     }
 
-    /// True if the picture is drawn in depth ranges where there is no memory for its buffers.
-    fn divides_for_memory(&self, options: &RenderOptions) -> bool {
-        options.divide_for_memory && self.is_blend_only()
-    }
-
     /// What a picture with these options is drawn for: the host wants whole lists, as optional passes do.
     fn purpose(&self, options: &RenderOptions) -> Purpose {
         match self {
@@ -133,7 +128,7 @@ pub struct Renderer {
     /// Why there are no larger ones.
     shortage: Option<GpuError>,
     /// The limit of visible chunks that the last frame was beyond, so that it was drawn in depth ranges.
-    beyond: Option<u32>,
+    beyond_chunks: Option<u32>,
     recorder: Recorder,
 }
 
@@ -184,7 +179,7 @@ impl Renderer {
             most_intersections: u32::MAX,
             most_chunks: u32::MAX,
             shortage: None,
-            beyond: None,
+            beyond_chunks: None,
             recorder: if profile { Recorder::with_profiler(gpu)? } else { Recorder::new(gpu)? },
         })
     }
@@ -212,7 +207,7 @@ impl Renderer {
 
     /// Frees the memory of the last picture and resets its capacities, before a different scene is rendered.
     pub fn forget_picture(&mut self) {
-        (self.frame, self.capacities, self.beyond) = (None, INITIAL, None);
+        (self.frame, self.capacities, self.beyond_chunks) = (None, INITIAL, None);
         (self.most_intersections, self.most_chunks, self.shortage) = (u32::MAX, u32::MAX, None);
     }
 
@@ -265,7 +260,9 @@ impl Renderer {
         options: &RenderOptions,
         mut each: EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
-        self.prepare(each.purpose(options), scene, camera, options, each.divides_for_memory(options))?;
+        let divides = options.divide_for_memory && each.is_blend_only();
+        let options = &RenderOptions { divide_for_memory: divides, ..*options };
+        self.prepare(each.purpose(options), scene, camera, options)?;
         let stats = self.render_prepared(scene, camera, options, &mut each);
         if stats.is_err() {
             self.recorder.abandon();
@@ -273,15 +270,13 @@ impl Renderer {
         stats
     }
 
-    /// Checks the inputs, and creates pipelines and buffers for them. `divisible` says whether the frame may be drawn in
-    /// depth ranges where there is no memory for its buffers.
+    /// Checks the inputs, and creates pipelines and buffers for them.
     pub(super) fn prepare(
         &mut self,
         purpose: Purpose,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
-        divisible: bool,
     ) -> Result<(), RenderError> {
         camera.validate().map_err(RenderError::Camera)?;
         options.check()?;
@@ -294,7 +289,7 @@ impl Renderer {
             return Err(RenderError::Option { option: "lod", reason });
         }
         self.prepare_pipelines(purpose, scene.traits(scene.sh_degree), [camera.width, camera.height])?;
-        self.prepare_frame(scene, camera, options, divisible)
+        self.prepare_frame(scene, camera, options)
     }
 
     /// Creates the resources of optional passes, after [`Renderer::prepare`].
@@ -326,16 +321,16 @@ impl Renderer {
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
-        let most = self.most_work_items(options.max_chunks, each.divides_for_memory(options));
-        if each.is_blend_only() && self.beyond.is_some_and(|limit| most <= limit) {
+        let most = self.most_work_items_of(options);
+        if each.is_blend_only() && self.beyond_chunks.is_some_and(|limit| most <= limit) {
             return self.render_in_ranges(scene, camera, options, each);
         }
-        self.beyond = None;
+        self.beyond_chunks = None;
         let view = view_of(camera, options);
         let last_layer = each.purpose(options).last_layer();
         let mut redone = 0;
         'frame: loop {
-            self.prepare_frame(scene, camera, options, each.divides_for_memory(options))?;
+            self.prepare_frame(scene, camera, options)?;
             if let EachSlab::Blend(extra) = each {
                 self.prepare_extra(extra)?;
             }
@@ -349,7 +344,7 @@ impl Renderer {
                 let start = if layer == 0 { Start::Frame } else { Start::Layer };
                 counters = self.submit_slab(scene, view, options, each, counters, start)?;
                 let Some(frame) = &self.frame else { unreachable_state() };
-                let most = self.most_work_items(options.max_chunks, each.divides_for_memory(options));
+                let most = self.most_work_items_of(options);
                 match self.grow(scene.chunk_pairs, frame.plan.capacities, &counters, most)? {
                     Growth::Fits => {}
                     Growth::Grown => {
@@ -401,13 +396,12 @@ impl Renderer {
         Ok(())
     }
 
-    /// Makes the frame buffers fit image, scene and capacities; see [`Renderer::prepare`].
+    /// Makes the frame buffers fit image, scene and capacities.
     fn prepare_frame(
         &mut self,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
-        divisible: bool,
     ) -> Result<(), RenderError> {
         let mut capacities = self.capacities;
         capacities.work_items = capacities.work_items.min(options.max_chunks.unwrap_or(u32::MAX)).max(1);
@@ -424,17 +418,20 @@ impl Renderer {
         let mut shortage = None;
         loop {
             capacities.intersections = capacities.intersections.min(self.most_intersections);
-            if divisible {
+            if options.divide_for_memory {
                 capacities.work_items = capacities.work_items.min(self.most_chunks);
             }
             let plan = FramePlan::new(size, tile_size, scene.instance_count, capacities, workgroup);
-            let plan = FramePlan { layered: options.occlusion || self.beyond.is_some(), ..plan };
+            let plan = FramePlan { layered: options.occlusion || self.beyond_chunks.is_some(), ..plan };
             if self.frame.as_ref().is_some_and(|frame| frame.plan == plan) {
                 return Ok(());
             }
             // Free the old buffers first: both sets at once may not fit.
             self.frame = None;
-            let frame = FrameBuffers::new(&self.gpu, plan).and_then(|frame| self.beside_its_picture(frame, divisible));
+            let frame = match options.divide_for_memory {
+                true => self.divisible_buffers(plan),
+                false => FrameBuffers::new(&self.gpu, plan),
+            };
             match frame {
                 Ok(frame) => {
                     self.frame = Some(frame);
@@ -443,7 +440,9 @@ impl Renderer {
                     }
                     return Ok(());
                 }
-                Err(error @ GpuError::OutOfMemory { .. }) if self.make_do_with_less(&plan, divisible) => {
+                Err(error @ GpuError::OutOfMemory { .. })
+                    if self.make_do_with_less(&plan, options.divide_for_memory) =>
+                {
                     shortage.get_or_insert(error);
                 }
                 Err(error) => {

@@ -67,10 +67,10 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     }
     let gpu = device::open(device_args.choice())?;
     args.memory.limit(&gpu);
-    let scene = subject(&args.scene, &loaded, &args.look, args.precision.precision());
+    let scene = subject(args, &args.scene, &loaded, args.precision.precision());
     let against = args.against.as_deref().zip(loaded_against.as_ref());
     let against_precision = args.against_precision.unwrap_or(args.precision.precision());
-    let against = against.map(|(path, loaded)| subject(path, loaded, &args.look, against_precision));
+    let against = against.map(|(path, loaded)| subject(args, path, loaded, against_precision));
     let mut progress = printer.progress("bench", args.frames.into());
     let mut on_event = |phase| {
         if phase == MeasurePhase::Timed {
@@ -90,15 +90,15 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
 }
 
 pub(super) fn subject<'a>(
+    args: &BenchArgs,
     path: &Path,
     loaded: &'a LoadedScene,
-    look: &LookArgs,
     device_precision: DevicePrecision,
 ) -> Subject<'a> {
     Subject {
         name: path.display().to_string(),
         scene: &loaded.scene,
         file_bytes: loaded.file_bytes,
-        options: RenderOptions { device_precision, ..look.options(&loaded.scene) },
+        options: RenderOptions { device_precision, ..args.memory.apply(args.look.options(&loaded.scene)) },
     }
 }

@@ -18,7 +18,7 @@ pub(super) fn run(
     let gpu = device::open(choice)?;
     args.memory.limit(&gpu);
     let mut progress = printer.progress("bench", args.frames.into());
-    let subject = subject(&args.scene, loaded, &args.look, args.precision.precision());
+    let subject = subject(args, &args.scene, loaded, args.precision.precision());
     let report = run_lod(&gpu, &subject, &args.lod, &views, args.frames, &mut || progress.step(""))?;
     drop(progress);
     device::check_validation(&gpu)?;

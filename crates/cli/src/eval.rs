@@ -76,7 +76,7 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let cameras: Vec<_> = views.iter().map(|v| v.camera.clone()).collect();
     let file_names = picture_files::names(&cameras)?;
     args.out.as_deref().map(create_folder).transpose()?;
-    let options = args.look.options(&loaded.scene);
+    let options = args.memory.apply(args.look.options(&loaded.scene));
     let place = args.scene.display();
     let gpu = device::open(device_args.choice())?;
     args.memory.limit(&gpu);

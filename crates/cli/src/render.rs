@@ -73,7 +73,7 @@ struct RenderedFrame {
 
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = open_scene_to_draw(&args.scene, printer)?;
-    let options = args.precision.apply(args.lod.apply(args.look.options(&loaded.scene)));
+    let options = args.memory.apply(args.precision.apply(args.lod.apply(args.look.options(&loaded.scene))));
     let cameras = args.views.cameras(&loaded.scene, options.near, printer)?;
     let names = picture_files::names(&cameras)?;
     create_folder(&args.out)?;

@@ -208,6 +208,11 @@ impl MemoryArgs {
             gpu.set_memory_budget(u64::from(mib) << 20);
         }
     }
+
+    /// The render options with frames divided where memory, or the budget, is too small.
+    pub fn apply(&self, options: RenderOptions) -> RenderOptions {
+        RenderOptions { divide_for_memory: true, ..options }
+    }
 }
 
 /// The level-of-detail flag, for commands whose pictures are viewed rather than measured.
@@ -260,7 +265,6 @@ impl LookArgs {
             background: self.background.map_or(default.background, |b| b.0),
             lod_error_px: default.lod_error_px,
             max_chunks: self.max_chunks,
-            divide_for_memory: true,
             max_intersections: self.max_intersections,
             occlusion: self.occlusion,
             ..default

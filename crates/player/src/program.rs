@@ -19,7 +19,7 @@ use instgs_console::{CliError, Printer, exit_code, parse};
 use instgs_io::json::as_map;
 use instgs_io::{IoError, LoadedScene, Place, load_scene_to_draw, read_boxes, read_views};
 use instgs_vk::math::statistics::{Percentiles, median};
-use instgs_vk::render::{FrameStats, RenderOptions};
+use instgs_vk::render::FrameStats;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};
 
@@ -223,9 +223,7 @@ fn viewer_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOpt
     };
     let words = "--level needs --show tile-load, offsets or ellipses";
     let show = show.ok_or_else(|| CliError::msg(words))?;
-    let render = args.precision.apply(args.lod.apply(args.look.options(scene)));
-    // Where memory runs out, levels of detail give way first (`draw_what_fits`): frames in many parts are slow.
-    Ok(ViewerOptions { render: RenderOptions { divide_for_memory: false, ..render }, show })
+    Ok(ViewerOptions { render: args.precision.apply(args.lod.apply(args.look.options(scene))), show })
 }
 
 /// The cameras of the frames of `--frames`.

@@ -5,7 +5,7 @@ use super::device_state::DeviceState;
 use super::facts::MemoryUse;
 use super::step_runner::StepRunner;
 use super::views::TrainViews;
-use instgs_vk::gpu::interface::types;
+use instgs_vk::render::plan;
 use instgs_vk::scene::gaussians::sh_coefficients;
 
 /// Fraction of the device's memory for training pictures if the user sets no limit.
@@ -66,10 +66,9 @@ pub fn planned_uses(config: &TrainConfig, pictures_px: &[[u32; 2]], heap_bytes: 
     uses.into_iter().map(of).chain([pictures]).collect()
 }
 
-/// Bytes of a slot of a frame: splat, footprint, tile count, first emission, two buffers of depth keys and slots, scanned
-/// offset.
+/// Bytes of a slot of a frame in training, which has its first emission too.
 const fn per_slot_bytes() -> u64 {
-    (size_of::<types::Splat>() + size_of::<types::Footprint>() + 4 + 4 + 16 + 4) as u64
+    plan::SLOT_BYTES + 4
 }
 
 /// The uses that make up nearly all of the device's memory; each is `count` times `bytes_each`.
@@ -87,11 +86,11 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
         let slots = u64::from(frame.plan.slots);
         push(SLOTS, "Gaussian", slots * per_slot_bytes() + backward.source_gradients.bytes(), slots);
         let intersections = u64::from(frame.plan.capacities.intersections);
-        // Two buffers of tile keys and emission indices, slot by emission.
+        // With the slot by emission.
         push(
             "(splat, tile) pairs and their moments",
             "intersection",
-            20 * intersections + backward.isect_moments.bytes(),
+            (plan::PAIR_BYTES + 4) * intersections + backward.isect_moments.bytes(),
             intersections,
         );
         let pixels = frame.colors.len() as u64;

@@ -19,7 +19,7 @@ use super::super::frame_stats::FrameStats;
 use super::super::layers::record_close_tiles;
 use super::super::render_options::{RenderOptions, view_of};
 use super::growth::Growth;
-use super::{Counters, EachSlab, Renderer, Start, check_fits, unreachable_state};
+use super::{Counters, EachSlab, Renderer, Start, unreachable_state};
 use crate::gpu::{GpuError, Recorder};
 
 /// The depths from `begin` to below `end`, as bits of f32, which have their order.
@@ -66,15 +66,15 @@ impl Renderer {
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
-        self.capacities.work_items = self.most_work_items(options.max_chunks, options.divide_for_memory);
-        self.beyond = Some(self.capacities.work_items);
+        self.capacities.work_items = self.most_work_items_of(options);
+        self.beyond_chunks = Some(self.capacities.work_items);
         // As for any frame of depth layers, which this one is from here on.
         let options = &RenderOptions { occlusion: true, ..*options };
-        self.prepare(Purpose::Layered, scene, camera, options, options.divide_for_memory)?;
+        self.prepare(Purpose::Layered, scene, camera, options)?;
         let mut stats = FrameStats { in_ranges: true, ..FrameStats::default() };
         let (mut counters, bins) = self.count_instances(scene, camera, options, &mut stats)?;
         // The buffers are as they stay: less, maybe, than was asked for.
-        let most = self.most_work_items(options.max_chunks, options.divide_for_memory);
+        let most = self.most_work_items_of(options);
         self.capacities.work_items = most;
         let mut left = vec![DepthRange::ALL];
         while let Some(range) = left.pop() {
@@ -107,22 +107,21 @@ impl Renderer {
             counters = self.finish_slabs(scene, view, options, each, counters, &mut stats)?;
         }
         // With some room, so that a moving camera does not change from one way to the other all the time.
-        self.beyond = (stats.work_items > u64::from(most / 2)).then_some(most);
+        self.beyond_chunks = (stats.work_items > u64::from(most / 2)).then_some(most);
         Ok(stats)
     }
 
     /// The error of a range of a single depth whose chunks do not fit: memory that ran out, if that is why there is no room.
     fn too_many_at_one_depth(&mut self, needed: u32, most: u32) -> RenderError {
-        self.beyond = None;
+        self.beyond_chunks = None;
         match self.shortage.take() {
             Some(shortage) if most == self.most_chunks => {
                 self.most_chunks = u32::MAX;
                 shortage.into()
             }
-            _ => match check_fits("visible chunks at one depth", needed, most) {
-                Err(error) => error,
-                Ok(()) => unreachable_state(),
-            },
+            _ => {
+                RenderError::TooMany { what: "visible chunks at one depth", needed: needed.into(), limit: most.into() }
+            }
         }
     }
 
@@ -135,14 +134,14 @@ impl Renderer {
         stats: &mut FrameStats,
     ) -> Result<(Counters, Vec<u32>), RenderError> {
         loop {
-            self.prepare_frame(scene, camera, options, options.divide_for_memory)?;
+            self.prepare_frame(scene, camera, options)?;
             let mut counters = [0; COUNTER_COUNT as usize];
             counters[COUNTER_INSTANCES as usize] = scene.instance_count;
             counters = self.submit_counting(scene, camera, options, counters, record_instances_of_frame)?;
             scene.changes_submitted();
             let Some(frame) = &self.frame else { unreachable_state() };
             let bins = download(&self.gpu, &frame.layer_bins, LAYER_BINS as usize)?;
-            let most = self.most_work_items(options.max_chunks, options.divide_for_memory);
+            let most = self.most_work_items_of(options);
             if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters, most)? == Growth::Fits {
                 return Ok((counters, bins));
             }

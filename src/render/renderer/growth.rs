@@ -8,13 +8,10 @@ use super::super::error::RenderError;
 use super::super::frame_buffers::FrameBuffers;
 use super::super::image_frames::Needs;
 use super::super::layers::LayerNeeds;
-use super::super::plan::{Capacities, FramePlan, grown};
+use super::super::plan::{Capacities, FramePlan, PAIR_BYTES, SLOT_BYTES, grown};
+use super::super::render_options::RenderOptions;
 use super::{Counters, Renderer, check_fits, max_slab_splats};
 
-/// Device memory of a (splat, tile) pair: two keys and two values.
-const PAIR_BYTES: u64 = 16;
-/// Device memory of a slot: splat, footprint, count of tiles, two keys and two values of the sort by depth, and an offset.
-const SLOT_BYTES: u64 = (size_of::<types::Splat>() + size_of::<types::Footprint>() + 6 * 4) as u64;
 /// Largest intersection buffer that is grown to: 2^26 pairs take 1 GiB; beyond that, slabs.
 const MOST_INTERSECTIONS: u64 = 1 << 26;
 
@@ -33,7 +30,7 @@ pub(super) enum Growth {
 }
 
 impl Renderer {
-    /// Enlarges buffers, of capacities `have`, that the frame overflowed; `most` is what [`Self::most_work_items`] says.
+    /// Enlarges buffers, of capacities `have`, that the frame overflowed, up to `most_work_items`.
     ///
     /// # Errors
     /// More candidates than the device can hold.
@@ -42,7 +39,7 @@ impl Renderer {
         chunk_pairs: u64,
         have: Capacities,
         counters: &Counters,
-        most: u32,
+        most_work_items: u32,
     ) -> Result<Growth, RenderError> {
         let candidates = counters[COUNTER_CANDIDATES_NEEDED as usize];
         let work_items = counters[COUNTER_WORK_ITEMS_NEEDED as usize];
@@ -53,37 +50,39 @@ impl Renderer {
             return Ok(Growth::Grown);
         }
         if work_items > have.work_items {
-            if work_items > most {
-                return Ok(Growth::Beyond { most });
+            if work_items > most_work_items {
+                return Ok(Growth::Beyond { most: most_work_items });
             }
             // Never more than the scene has, so that a plain cloud is not over-allocated.
             let pairs = u32::try_from(chunk_pairs).unwrap_or(u32::MAX);
-            self.capacities.work_items = grown(work_items, most).min(pairs.max(work_items));
+            self.capacities.work_items = grown(work_items, most_work_items).min(pairs.max(work_items));
             return Ok(Growth::Grown);
         }
         Ok(Growth::Fits)
     }
 
-    /// The largest number of visible chunks whose splats a buffer can hold, at most `max_chunks`; of a frame that is
-    /// `divisible` into depth ranges, the largest for which there was memory.
-    pub(super) fn most_work_items(&self, max_chunks: Option<u32>, divisible: bool) -> u32 {
+    /// The largest number of visible chunks whose splats a buffer can hold, at most `max_chunks`.
+    fn most_work_items(&self, max_chunks: Option<u32>) -> u32 {
         let most_slots = (self.gpu.caps().max_storage_bytes / size_of::<types::Splat>() as u64).min(1 << 31) as u32;
-        let of_memory = if divisible { self.most_chunks } else { u32::MAX };
-        (most_slots / self.variant.workgroup_size).min(max_chunks.unwrap_or(u32::MAX)).min(of_memory)
+        (most_slots / self.variant.workgroup_size).min(max_chunks.unwrap_or(u32::MAX))
     }
 
-    /// The buffers of a frame, if there is memory beside them for its picture's way to the host. Only asked of frames that
-    /// may be divided, which fill what memory there is.
-    pub(super) fn beside_its_picture(&self, frame: FrameBuffers, divisible: bool) -> Result<FrameBuffers, GpuError> {
-        if divisible {
-            drop(Buffer::<[f32; 4]>::for_readback(&self.gpu, "readback", frame.plan.pixels() as usize)?);
-        }
+    /// The same for a frame with these options: if memory may divide it, also the largest number that there was memory for.
+    pub(super) fn most_work_items_of(&self, options: &RenderOptions) -> u32 {
+        let of_memory = if options.divide_for_memory { self.most_chunks } else { u32::MAX };
+        self.most_work_items(options.max_chunks).min(of_memory)
+    }
+
+    /// The buffers of a frame that memory may divide. Since such frames fill what memory there is, fails if there is none left
+    /// for the picture's way to the host.
+    pub(super) fn divisible_buffers(&self, plan: FramePlan) -> Result<FrameBuffers, GpuError> {
+        let frame = FrameBuffers::new(&self.gpu, plan)?;
+        drop(Buffer::<[f32; 4]>::for_readback(&self.gpu, "readback", plan.pixels() as usize)?);
         Ok(frame)
     }
 
-    /// Halves what takes most of `plan`, for which there is no memory: fewer intersections lead to more depth slabs, down to
-    /// those of one splat, and fewer chunks, if the frame is divisible, to depth ranges. False if there is nothing left to
-    /// halve.
+    /// Halves what takes most of `plan`, for which there is no memory; false if nothing is left to halve. Fewer intersections
+    /// lead to more depth slabs, down to those of one splat, and fewer chunks, if the frame is `divisible`, to depth ranges.
     pub(super) fn make_do_with_less(&mut self, plan: &FramePlan, divisible: bool) -> bool {
         let Capacities { intersections, work_items, .. } = plan.capacities;
         let halves_pairs = intersections > plan.tile_count();
@@ -107,8 +106,8 @@ impl Renderer {
         let largest = |of: fn(&LayerNeeds) -> u32| layers.iter().map(of).max().unwrap_or(0);
         let mut counters = *counters;
         counters[COUNTER_WORK_ITEMS_NEEDED as usize] = largest(|layer| layer.work_items);
-        let most = self.most_work_items(needs.max_chunks, false);
-        let growth = self.grow(needs.chunk_pairs, needs.have, &counters, most)?;
+        let most_work_items = self.most_work_items(needs.max_chunks);
+        let growth = self.grow(needs.chunk_pairs, needs.have, &counters, most_work_items)?;
         if let Growth::Beyond { most } = growth {
             check_fits("visible chunks", counters[COUNTER_WORK_ITEMS_NEEDED as usize], most)?;
         }
