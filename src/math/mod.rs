@@ -1,7 +1,8 @@
-//! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens
-//! distortion, nearest points, Morton order, planes, rotations in three numbers, seeded random numbers, order statistics,
-//! number formatting.
+//! L0: mathematics without state: spherical harmonics, covariances, axes in order, eigenvectors, similarities, bounds, lens
+//! distortion, nearest points, Morton order, opponent colours, planes, rotations in three numbers, seeded random numbers,
+//! order statistics, number formatting.
 
+pub mod axes;
 pub mod covariance;
 pub mod digits;
 pub mod distortion;
@@ -9,6 +10,7 @@ pub mod eigen;
 pub mod heat;
 pub mod morton;
 pub mod nearest;
+pub mod opponent;
 pub mod plane;
 pub mod rng;
 pub mod sh;

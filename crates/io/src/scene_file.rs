@@ -26,7 +26,9 @@ pub(crate) const FORMAT: &str = "instgs/1";
 /// Format of files with coded tables, which older versions wrote.
 pub(crate) const FORMAT_TABLES: &str = "instgs/2";
 /// Format of files with coded fields; older versions report that they cannot read it.
-pub(crate) const FORMAT_CODED: &str = "instgs/3";
+pub(crate) const FORMAT_CODED: &str = "instgs/4";
+/// Coded fields of an older version, which are read the same way.
+pub(crate) const FORMAT_CODED_3: &str = "instgs/3";
 /// Value of `instance.first_offset` for an instance without offsets.
 pub(crate) const NO_OFFSET: u32 = u32::MAX;
 
@@ -47,9 +49,9 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
     let field = |name: &str, what: String| IoError::new(path, what).at(Place::Field(format!("metadata {name}")));
     match metadata.remove("format").as_deref() {
-        Some(FORMAT | FORMAT_TABLES | FORMAT_CODED) => {}
+        Some(FORMAT | FORMAT_TABLES | FORMAT_CODED_3 | FORMAT_CODED) => {}
         Some(other) if other.starts_with("instgs/") => {
-            return Err(field("format", format!("{other} is none of {FORMAT}, {FORMAT_TABLES} and {FORMAT_CODED}"))
+            return Err(field("format", format!("{other} is none of {FORMAT} to {FORMAT_CODED}"))
                 .advise("this file needs a newer version of instgs-vk"));
         }
         _ => return Err(field("format", format!("is missing or not \"{FORMAT}\": this is not an instgs scene"))),

@@ -1,18 +1,22 @@
-// Coded tensors of scenes packed as `small`: the twin of crates/io/src/small (field.rs, entropy.rs, rotation.rs), decoding only.
+// Coded tensors of scenes packed as `small`: the twin of crates/io/src/small (field.rs, opponent.rs, entropy.rs),
+// decoding only.
 //
 // Header: rows u64, columns u16, parts u8, flags u8; by part its columns u16, step f32, largest step f32, kind u8 (which class of
-// precision its step follows); by column its centre f32. Then integers, coded column by column: tokens by an asymmetric numeral
-// system, and lower bits as they are.
+// precision its step follows, plus 16 times the quarters of its memory: see field.rs); by column its centre f32. Then integers,
+// coded column by column: tokens by an asymmetric numeral system, and lower bits as they are.
 
 const CONTEXTS = 15;
 const MIDDLE = 7;
 const EXACT = 16;
 const PRECISION = 12;
+const DELTA = 1;
+const OPPONENT = 2;
+const KINDS = 16;
 
 /**
  * Classes of precision of a group's rows; empty where no part follows them.
  * @typedef {{shape: Uint8Array, colour: Uint8Array}} Classes
- * @typedef {{columns: number, steps: Float64Array, classes: Uint8Array | null}} Part
+ * @typedef {{columns: number, steps: Float64Array, classes: Uint8Array | null, memory: number}} Part
  */
 
 /** @type {Classes} */
@@ -53,25 +57,55 @@ export function decodeField(bytes, classes) {
   const rows = cursor.u64();
   const width = cursor.u16();
   const count = cursor.u8();
-  const isDelta = cursor.u8() === 1;
+  const flags = cursor.u8();
   const parts = Array.from({ length: count }, () => readPart(cursor, classes));
   const centres = Array.from({ length: width }, () => cursor.f32());
   const decoder = new IntegerDecoder(cursor, count);
   const values = new Float32Array(rows * width);
   let column = 0;
   parts.forEach((part, model) => {
+    const memory = flags & DELTA ? 1 : part.memory;
     for (let end = column + part.columns; column < end; column++) {
-      let from = centres[column];
+      let expected = centres[column];
       for (let row = 0; row < rows; row++) {
         const context = part.classes ? part.classes[row] : 0;
         const integer = decoder.next(model * CONTEXTS + context);
-        const value = from + integer * part.steps[part.classes ? context : MIDDLE];
+        const value = expected + integer * part.steps[part.classes ? context : MIDDLE];
         values[row * width + column] = value;
-        if (isDelta) from = value;
+        if (memory > 0) expected = (1 - memory) * expected + memory * value;
       }
     }
   });
+  if (flags & OPPONENT) rgbFromOpponent(values, width, parts);
   return values;
+}
+
+/**
+ * Turns rows of brightness and two differences of colour, band by band, to rows of red, green and blue by coefficient.
+ * @param {Float32Array} values
+ * @param {number} width
+ * @param {Part[]} parts three for each band
+ */
+function rgbFromOpponent(values, width, parts) {
+  const coded = new Float32Array(width);
+  const third = 1 / Math.sqrt(3);
+  for (let row = 0; row < values.length; row += width) {
+    coded.set(values.subarray(row, row + width));
+    let first = 0;
+    for (let part = 0; part < parts.length; part += 3) {
+      const count = parts[part].columns;
+      for (let i = 0; i < count; i++) {
+        const mean = third * coded[first + i];
+        const half = Math.SQRT1_2 * coded[first + count + i];
+        const green = third * Math.SQRT1_2 * coded[first + 2 * count + i];
+        const at = row + first + 3 * i;
+        values[at] = mean + half + green;
+        values[at + 1] = mean - 2 * green;
+        values[at + 2] = mean - half + green;
+      }
+      first += 3 * count;
+    }
+  }
 }
 
 /**
@@ -83,9 +117,11 @@ function readPart(cursor, classes) {
   const columns = cursor.u16();
   const step = cursor.f32();
   const most = cursor.f32();
-  const kind = cursor.u8();
+  const byte = cursor.u8();
+  const kind = byte % KINDS;
   const steps = Float64Array.from({ length: CONTEXTS }, (_, k) => Math.min(step * 2 ** (k - MIDDLE), most));
-  return { columns, steps, classes: kind === 0 ? null : kind === 1 ? classes.shape : classes.colour };
+  const followed = kind === 0 ? null : kind === 1 ? classes.shape : classes.colour;
+  return { columns, steps, classes: followed, memory: Math.floor(byte / KINDS) / 4 };
 }
 
 /**

@@ -1,19 +1,28 @@
-//! A coded field: rows of values, each a whole number of steps from where it begins.
+//! A coded field: rows of values, each a whole number of steps from what is expected of it.
 //!
 //! The columns form *parts* (an SH band, say), and a part has one step for all rows or one that doubles with the row's class
-//! of precision. The bytes: rows u64, columns u16, parts u8, flags u8 ([`DELTA`]); for each part its columns u16, step f32,
-//! most f32 and kind u8; the centre f32 of each column; then the entropy-coded integers (`entropy.rs`). Value = centre + integer * step, or
-//! with `DELTA` the previous row's value + integer * step, so that nothing accumulates: the encoder predicts from what the
-//! decoder has.
+//! of precision. The bytes: rows u64, columns u16, parts u8, flags u8 ([`DELTA`], [`OPPONENT`]); for each part its columns u16,
+//! step f32, most f32 and kind u8 (what its step follows, plus 16 times the quarters of its memory); the centre f32 of each
+//! column; then the entropy-coded integers (`entropy.rs`). Value = expected + integer * step. What is expected is the centre in
+//! the first row, and moves from row to row by the part's *memory* of the way to the value, so that 0 expects the centre always
+//! and 1 the value of the row before. Nothing accumulates: the encoder expects what the decoder does.
 
 use super::entropy::{self, CONTEXTS, ColumnKind, Layout, MOST_STEPS};
 use crate::host_memory::available_bytes;
 use crate::step_columns::TableError;
+use instgs_vk::math::opponent::rgb_from_opponent;
 
 /// Class of the middle: a step is `base * 2^(class - MIDDLE)`.
 pub(super) const MIDDLE: u8 = (CONTEXTS / 2) as u8;
-/// Flag: integers are differences from the row before.
+/// Flag of older files: the memory of all parts is 1.
 const DELTA: u8 = 1;
+/// Flag: the columns are colours (`opponent.rs`).
+const OPPONENT: u8 = 2;
+/// Memories are this part of 1, and those that the encoder tries.
+const QUARTERS: u8 = 4;
+const TRIED: [u8; 4] = [0, 1, 2, QUARTERS];
+/// The byte of a part holds its kind and so many times the quarters of its memory.
+const KINDS: u8 = 16;
 /// Bytes of the fixed part of the header, and for each part.
 const HEADER_BYTES: usize = 12;
 const PART_BYTES: usize = 11;
@@ -40,6 +49,31 @@ pub(super) struct Part {
     /// No row has a larger step, whatever its class.
     pub(super) most: f32,
     pub(super) follows: Follows,
+    pub(super) memory: Memory,
+}
+
+/// How much the expected value learns from that of the row before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Memory {
+    /// So many quarters of the difference.
+    Quarters(u8),
+    /// What takes the fewest bits; for the encoder.
+    Best,
+}
+
+impl Memory {
+    /// The centre is expected always.
+    pub(super) const NONE: Self = Self::Quarters(0);
+    /// The value of the row before is expected: whole numbers stay whole.
+    pub(super) const ALL: Self = Self::Quarters(QUARTERS);
+
+    /// Part of the difference, 0 to 1.
+    fn part(self) -> f64 {
+        match self {
+            Self::Quarters(quarters) => f64::from(quarters) / f64::from(QUARTERS),
+            Self::Best => 0.0,
+        }
+    }
 }
 
 /// Classes of precision, one of each kind per row, below [`CONTEXTS`]; empty where no part follows them.
@@ -65,8 +99,8 @@ pub(super) struct Plan<'a> {
     pub(super) classes: &'a Classes,
     /// Whether values are far from 0, so that the middle of each column should be.
     pub(super) centred: bool,
-    /// Whether neighbouring rows have similar values.
-    pub(super) delta: bool,
+    /// Whether the columns are colours, arranged by [`to_opponent`](super::opponent::to_opponent).
+    pub(super) opponent: bool,
 }
 
 /// The header of a coded field.
@@ -75,7 +109,7 @@ pub(super) struct Shape {
     pub(super) rows: usize,
     pub(super) width: usize,
     parts: Vec<Part>,
-    delta: bool,
+    opponent: bool,
     centres: Vec<f32>,
     /// Where the integers begin.
     payload: usize,
@@ -103,10 +137,22 @@ impl Shape {
         let Some((parts, rest)) = rest.split_at_checked(count * PART_BYTES) else { return Err(too_short) };
         let Some((centres, _)) = rest.split_at_checked(4 * width) else { return Err(too_short) };
         let parts: Option<Vec<Part>> = parts.as_chunks::<PART_BYTES>().0.iter().map(part_of).collect();
-        let parts = parts.ok_or(TableError::Frequencies)?;
+        let mut parts = parts.ok_or(TableError::Frequencies)?;
         let counts = TableError::Counts { rows, width: width as u32, block_rows: count as u32 };
         let columns: usize = parts.iter().map(|part| part.columns).sum();
-        if columns != width || width == 0 || width > MOST_COLUMNS || flags > DELTA || rows > u64::from(u32::MAX) {
+        if flags & DELTA != 0 {
+            parts.iter_mut().for_each(|part| part.memory = Memory::Quarters(QUARTERS));
+        }
+        let opponent = flags & OPPONENT != 0;
+        let are_colours = |parts: &[Part]| parts.len() == 3 && parts.iter().all(|p| p.columns == parts[0].columns);
+        let fit = !opponent || parts.chunks(3).all(are_colours);
+        if columns != width
+            || width == 0
+            || width > MOST_COLUMNS
+            || flags > DELTA | OPPONENT
+            || !fit
+            || rows > u64::from(u32::MAX)
+        {
             return Err(counts);
         }
         let centres: Vec<f32> = centres.as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect();
@@ -115,7 +161,7 @@ impl Shape {
             return Err(TableError::Step(number));
         }
         let payload = HEADER_BYTES + count * PART_BYTES + 4 * width;
-        Ok(Self { rows: rows as usize, width, parts, delta: flags == DELTA, centres, payload })
+        Ok(Self { rows: rows as usize, width, parts, opponent, centres, payload })
     }
 }
 
@@ -128,14 +174,19 @@ impl Shape {
 
 fn part_of(bytes: &[u8; PART_BYTES]) -> Option<Part> {
     let [c0, c1, s0, s1, s2, s3, m0, m1, m2, m3, kind] = *bytes;
+    let (quarters, kind) = (kind / KINDS, kind % KINDS);
     let follows = match kind {
         0 => Follows::Nothing,
         1 => Follows::Shape,
         2 => Follows::Colour,
         _ => return None,
     };
+    if quarters > QUARTERS {
+        return None;
+    }
+    let memory = Memory::Quarters(quarters);
     let [step, most] = [[s0, s1, s2, s3], [m0, m1, m2, m3]].map(f32::from_le_bytes);
-    Some(Part { columns: usize::from(u16::from_le_bytes([c0, c1])), step, most, follows })
+    Some(Part { columns: usize::from(u16::from_le_bytes([c0, c1])), step, most, follows, memory })
 }
 
 /// The column kinds of parts: one model per part.
@@ -164,7 +215,8 @@ pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec
         .map(|part| {
             let columns = first..first + part.columns;
             first = columns.end;
-            let reach = columns.map(|c| reach(column(c), centres[c], plan.delta)).fold(0.0, f64::max);
+            let moves = part.memory != Memory::NONE;
+            let reach = columns.map(|c| reach(column(c), centres[c], moves)).fold(0.0, f64::max);
             let least = (reach / MOST_STEPS * (MIDDLE as f64 + 1.0).exp2()).max(f64::from(f32::MIN_POSITIVE));
             Part { step: part.step.max(least as f32), most: part.most.max(least as f32), ..*part }
         })
@@ -173,38 +225,54 @@ pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec
         return None;
     }
 
+    let mut integers = Vec::with_capacity(values.len());
+    let mut first = 0;
+    let resolved = |part: Part| {
+        let (columns, begin) = (first..first + part.columns, integers.len());
+        first = columns.end;
+        let tried = match part.memory {
+            Memory::Best => &TRIED[..],
+            Memory::Quarters(quarters) => &[quarters],
+        };
+        let mut best = (f64::INFINITY, part);
+        for &quarters in tried {
+            let part = Part { memory: Memory::Quarters(quarters), ..part };
+            let classes = plan.classes.of(part.follows);
+            let of_part: Vec<i64> =
+                columns.clone().flat_map(|c| rounded(column(c), f64::from(centres[c]), &part, classes)).collect();
+            // One pass alone needs no comparison.
+            let bits = if tried.len() > 1 { of_part.iter().map(|&integer| rough_bits(integer)).sum() } else { 0.0 };
+            if bits < best.0 {
+                best = (bits, part);
+                integers.truncate(begin);
+                integers.extend(of_part);
+            }
+        }
+        best.1
+    };
+    let parts: Vec<Part> = parts.into_iter().map(resolved).collect();
+
     let mut out = (rows as u64).to_le_bytes().to_vec();
     out.extend((width as u16).to_le_bytes());
-    out.extend([parts.len() as u8, if plan.delta { DELTA } else { 0 }]);
+    out.extend([parts.len() as u8, if plan.opponent { OPPONENT } else { 0 }]);
     for part in &parts {
         out.extend((part.columns as u16).to_le_bytes());
         out.extend(part.step.to_le_bytes());
         out.extend(part.most.to_le_bytes());
-        out.push(match part.follows {
+        let kind = match part.follows {
             Follows::Nothing => 0,
             Follows::Shape => 1,
             Follows::Colour => 2,
-        });
+        };
+        out.push(kind + KINDS * (part.memory.part() * f64::from(QUARTERS)) as u8);
     }
     out.extend(centres.iter().flat_map(|centre| centre.to_le_bytes()));
-    let mut steps = Vec::with_capacity(values.len());
-    for (c, part) in by_column(&parts).iter().enumerate() {
-        let classes = plan.classes.of(part.follows);
-        let (mut from, of_class) = (f64::from(centres[c]), part.steps());
-        for (row, value) in column(c).enumerate() {
-            let step = of_class[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
-            let integer = ((f64::from(value) - from) / step).round();
-            steps.push(integer as i64);
-            if plan.delta {
-                from += integer * step;
-            }
-        }
-    }
-    out.extend(entropy::encode(&Layout { rows, columns: &kinds(&parts, plan.classes) }, &steps));
+    out.extend(entropy::encode(&Layout { rows, columns: &kinds(&parts, plan.classes) }, &integers));
     Some(out)
 }
 
-/// Decodes the output of [`encode`] to values, row by row. The caller has checked that memory for them is plausible.
+/// Decodes the output of [`encode`] to values, row by row; colours are red, green and blue. The caller has checked that memory
+/// for them is plausible.
 ///
 /// # Errors
 /// The bytes are not a whole field, or the classes that it follows are not those of its rows.
@@ -223,24 +291,93 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
     let mut values = Vec::new();
     values.try_reserve_exact(rows * width).map_err(TableError::Allocation)?;
     values.resize(rows * width, 0.0f32);
-    let columns: Vec<_> = by_column(&shape.parts).iter().map(|part| (part.steps(), classes.of(part.follows))).collect();
-    let (mut c, mut row) = (0, 0);
-    let mut from = f64::from(shape.centres[0]);
+    let of_part = |part: &Part| (part.steps(), classes.of(part.follows), part.memory.part());
+    let columns: Vec<_> = by_column(&shape.parts).iter().map(of_part).collect();
+    // Columns come one after another; those of a group go to the rows together, as rows are far apart in memory.
+    let groups: Vec<&[Part]> = shape.parts.chunks(if shape.opponent { 3 } else { 1 }).collect();
+    let ends: Vec<usize> = groups
+        .iter()
+        .scan(0, |end, parts| {
+            *end += parts.iter().map(|part| part.columns).sum::<usize>();
+            Some(*end)
+        })
+        .collect();
+    let (mut group, mut first) = (Vec::<f32>::new(), 0);
+    let (mut c, mut row, mut done) = (0, 0, 0);
+    let mut expected = f64::from(shape.centres[0]);
     entropy::decode(&Layout { rows, columns: &kinds(&shape.parts, classes) }, &coded[shape.payload..], |integer| {
-        let (steps, classes) = &columns[c];
-        let value = from + integer as f64 * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
+        let (steps, classes, memory) = &columns[c];
+        let value = expected + integer as f64 * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
         // Half a step beyond the largest f32 must not become infinite.
-        values[row * width + c] = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32;
-        if shape.delta {
-            from = value;
+        group.push(value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32);
+        // Most parts have none, and need not wait for the value before.
+        if *memory > 0.0 {
+            expected = moved(expected, value, *memory);
         }
         row += 1;
         if row == rows {
             (c, row) = (c + 1, 0);
-            from = shape.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
+            expected = shape.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
+            if c == ends[done] {
+                put_columns(&group, &mut values, &Place { rows, width, first, are_colours: shape.opponent });
+                group.clear();
+                (first, done) = (c, done + 1);
+            }
         }
     })?;
     Ok(values)
+}
+
+/// Where columns go.
+struct Place {
+    rows: usize,
+    width: usize,
+    first: usize,
+    /// Whether they are a band of opponent colours.
+    are_colours: bool,
+}
+
+/// Puts consecutive columns, each a run of `columns`, into rows of `values`.
+fn put_columns(columns: &[f32], values: &mut [f32], place: &Place) {
+    let Place { rows, width, first, are_colours } = *place;
+    let count = columns.len() / rows;
+    for (row, out) in values.chunks_exact_mut(width).enumerate() {
+        let out = &mut out[first..first + count];
+        if are_colours {
+            for (i, rgb) in out.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+                let of = |part: usize| columns[(part * (count / 3) + i) * rows + row];
+                *rgb = rgb_from_opponent([of(0), of(1), of(2)]);
+            }
+        } else {
+            out.iter_mut().enumerate().for_each(|(c, value)| *value = columns[c * rows + row]);
+        }
+    }
+}
+
+/// The integers of a column.
+fn rounded<'a>(
+    values: impl Iterator<Item = f32> + 'a,
+    centre: f64,
+    part: &Part,
+    classes: Option<&'a [u8]>,
+) -> impl Iterator<Item = i64> + 'a {
+    let (mut expected, steps, memory) = (centre, part.steps(), part.memory.part());
+    values.enumerate().map(move |(row, value)| {
+        let step = steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
+        let integer = ((f64::from(value) - expected) / step).round();
+        expected = moved(expected, expected + integer * step, memory);
+        integer as i64
+    })
+}
+
+/// What is expected after a row; exactly its value with a memory of 1.
+fn moved(expected: f64, value: f64, memory: f64) -> f64 {
+    (1.0 - memory) * expected + memory * value
+}
+
+/// About the bits of an integer.
+fn rough_bits(integer: i64) -> f64 {
+    (1.0 + 2.0 * integer.unsigned_abs() as f64).log2()
 }
 
 /// The middle between the lowest and the highest value.
@@ -252,10 +389,11 @@ fn middle(values: impl Iterator<Item = f32> + Clone) -> f32 {
 }
 
 /// The largest difference that a column has to code.
-fn reach(values: impl Iterator<Item = f32> + Clone, centre: f32, delta: bool) -> f64 {
+fn reach(values: impl Iterator<Item = f32> + Clone, centre: f32, moves: bool) -> f64 {
     let of = |values: &mut dyn Iterator<Item = f32>| {
         values.fold(0.0f64, |reach, value| reach.max((f64::from(value) - f64::from(centre)).abs()))
     };
-    // Differences of neighbours are at most the whole range, and a step more for what was rounded before.
-    of(&mut values.into_iter()) * if delta { 2.5 } else { 1.0 }
+    // What is expected is within the range of the values, so that differences are at most that, and a step more for what was
+    // rounded before.
+    of(&mut values.into_iter()) * if moves { 2.5 } else { 1.0 }
 }

@@ -8,12 +8,17 @@
 //! are those at which every parameter adds the same error, and that error is such that the pictures stay as close as asked
 //! for (`steps.rs`). Without one, positions follow the sizes of Gaussians and the other steps are fixed.
 //!
-//! Positions are differences from the Gaussian before, in Morton order where the order is free: the background's, and that of
-//! the own Gaussians of an instance. Rotations are the index of the largest component and the other three, the largest being
-//! positive; offsets of quaternions are scaled with their template's, so that their sums stay the same rotations.
+//! Colours are coded as brightness and two differences (`opponent.rs`).
+//!
+//! Of positions, sizes, opacities and base colours what is coded is how they differ from the Gaussian before, in Morton order
+//! where the order is free: the background's, and that of the own Gaussians of an instance. Rotations are the index of the
+//! largest component and the other three, the largest being positive. As an ellipsoid has several rotations, the one is taken
+//! whose w is largest once sizes are in order (`math::axes`). Offsets of sizes and quaternions follow their template's, and are
+//! scaled so that the offset has no w: their sums stay the same rotations.
 
 mod entropy;
 mod field;
+mod opponent;
 mod sensitivity;
 mod source;
 mod steps;
@@ -22,7 +27,7 @@ pub use sensitivity::{Sensitivity, SmallOptions};
 
 use crate::scene_pack::floats;
 use crate::step_columns::TableError;
-use field::{Classes, Follows, Part, Plan};
+use field::{Classes, Follows, Memory, Part, Plan};
 use instgs_vk::math::smallest_three::whole_quat;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
 use source::Table;
@@ -98,7 +103,7 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
     let mut any = false;
     for (field, parts) in table.fields.iter().zip(&plan.parts) {
         let name = format!("{group}.{}", field.name);
-        let how = Plan { parts, classes: &plan.classes, centred: field.centred, delta: field.delta };
+        let how = Plan { parts, classes: &plan.classes, centred: field.centred, opponent: field.opponent };
         let bytes = field.can_be_coded.then(|| field::encode(&field.values, table.rows, &how)).flatten();
         match bytes.filter(|bytes| !field.is_position() || is_plausible(table.rows, bytes.len())) {
             Some(bytes) => {
@@ -111,8 +116,8 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
     if any {
         let classes: Vec<f32> =
             plan.classes.shape.iter().zip(&plan.classes.colour).flat_map(|(&s, &c)| [s, c].map(f32::from)).collect();
-        let part = Part { columns: 1, step: 1.0, most: 1.0, follows: Follows::Nothing };
-        let how = Plan { parts: &[part; 2], classes: &Classes::default(), centred: false, delta: true };
+        let part = Part { columns: 1, step: 1.0, most: 1.0, follows: Follows::Nothing, memory: Memory::ALL };
+        let how = Plan { parts: &[part; 2], classes: &Classes::default(), centred: false, opponent: false };
         let bytes = field::encode(&classes, table.rows, &how);
         out.extend(bytes.map(|bytes| (format!("{group}.{PRECISION}{CODED}"), coded(bytes))));
     }

@@ -1,7 +1,9 @@
 //! What `--pack small` codes: the clouds and the offsets of a scene as tables of fields, in the order of the file.
 
-use super::field::Follows;
+use super::field::{Follows, Memory};
+use super::opponent::to_opponent;
 use super::sensitivity::Sensitivity;
+use instgs_vk::math::axes::AxisOrder;
 use instgs_vk::math::morton::morton_order;
 use instgs_vk::math::smallest_three::{normal_scale, smallest_three};
 use instgs_vk::scene::gaussians::Gaussians;
@@ -44,10 +46,11 @@ pub(super) struct Field {
     pub(super) can_be_coded: bool,
     pub(super) parts: Vec<FieldPart>,
     pub(super) centred: bool,
-    pub(super) delta: bool,
+    pub(super) opponent: bool,
 }
 
 /// Columns of a field with one step per class.
+#[derive(Clone)]
 pub(super) struct FieldPart {
     pub(super) columns: usize,
     pub(super) follows: Follows,
@@ -56,6 +59,14 @@ pub(super) struct FieldPart {
     /// Limit of its steps.
     pub(super) most: f32,
     pub(super) fixed: FixedStep,
+    pub(super) memory: Memory,
+}
+
+impl FieldPart {
+    /// For values that neighbours in the table are alike in.
+    fn like_neighbours(self) -> Self {
+        Self { memory: Memory::Best, ..self }
+    }
 }
 
 /// The step of a part without sensitivity.
@@ -78,19 +89,40 @@ impl Field {
 pub(super) fn tables(scene: &InstancedScene, sensitivity: Option<&Sensitivity>) -> Vec<Table> {
     // Unknown tensors may be parallel to the clouds, whose order must then not change.
     let reorder = scene.foreign_tensors.is_empty();
-    let scales = quat_scales(scene);
     let mut first = Rows::default();
-    let mut cloud = |group, cloud: &Gaussians, order: Option<Vec<u32>>, quats_free: bool| {
+    let mut cloud = |group, cloud: &Gaussians, order: Option<Vec<u32>>, axes: Option<&[AxisOrder]>| {
         let order = order.unwrap_or_else(|| (0..cloud.len() as u32).collect());
-        let table = cloud_table(group, cloud, &order, quats_free, &first.sensitivity(sensitivity, cloud, &order));
+        let table = cloud_table(group, cloud, &order, axes, &first.sensitivity(sensitivity, cloud, &order));
         first.advance(cloud);
         table
     };
-    let mut out = vec![cloud("template", &scene.templates, None, scales.is_some())];
-    out.push(cloud("own", &scene.own, own_order(scene).filter(|_| reorder), true));
-    out.push(cloud("background", &scene.background, reorder.then(|| morton_order(&scene.background.means)), true));
-    out.push(offsets_table(scene, sensitivity, scales.as_deref()));
+    let [of_templates, of_own, of_background] =
+        [&scene.templates, &scene.own, &scene.background].map(|cloud| axis_orders(cloud));
+    let of_templates = of_templates.filter(|_| records_are_single(scene));
+    let mut out = vec![cloud("template", &scene.templates, None, of_templates.as_deref())];
+    out.push(cloud("own", &scene.own, own_order(scene).filter(|_| reorder), of_own.as_deref()));
+    let order = reorder.then(|| morton_order(&scene.background.means));
+    out.push(cloud("background", &scene.background, order, of_background.as_deref()));
+    out.push(offsets_table(scene, sensitivity, of_templates.as_deref()));
     out
+}
+
+/// The order of the axes of each Gaussian in which sizes fall and quaternions have a positive w, the largest; `None` if a
+/// rotation has no length or a size is not finite: then all stay as they are.
+fn axis_orders(cloud: &Gaussians) -> Option<Vec<AxisOrder>> {
+    let of = |(quat, sizes): (&[f32; 4], &[f32; 3])| {
+        normal_scale(quat)?;
+        sizes.iter().all(|v| v.is_finite()).then(|| AxisOrder::sorted(*sizes, *quat))
+    };
+    cloud.quats.iter().zip(&cloud.log_scales).map(of).collect()
+}
+
+/// True if each offset record belongs to one Gaussian of a template at most, or offsets have no shape: then they can follow
+/// when the template's axes change.
+fn records_are_single(scene: &InstancedScene) -> bool {
+    let offsets = &scene.offsets;
+    offsets.quats.is_empty() && offsets.log_scales.is_empty()
+        || !sources_of_records(&scene.offset_runs(), offsets.len()).1
 }
 
 /// How many rows of each parameter precede a cloud.
@@ -147,31 +179,42 @@ fn size(log_scales: &[f32; 3]) -> f64 {
 
 fn field(name: &'static str, shape: &[usize], values: Vec<f32>, parts: Vec<FieldPart>) -> Field {
     let can_be_coded = !values.is_empty() && values.iter().all(|value| value.is_finite());
-    Field { name, shape: shape.to_vec(), values, can_be_coded, parts, centred: false, delta: false }
+    Field { name, shape: shape.to_vec(), values, can_be_coded, parts, centred: false, opponent: false }
+}
+
+/// A field of colours, `rgb` by coefficient; `bands` are parts for one of the three numbers of its coefficients.
+fn colours(name: &'static str, shape: &[usize], rgb: &[f32], bands: Vec<FieldPart>) -> Field {
+    let counts: Vec<usize> = bands.iter().map(|band| band.columns).collect();
+    let parts = bands.into_iter().flat_map(|band| std::iter::repeat_n(band, 3)).collect();
+    let coded = field(name, shape, to_opponent(rgb, &counts), parts);
+    match coded.can_be_coded {
+        true => Field { opponent: true, ..coded },
+        false => Field { values: rgb.to_vec(), ..coded },
+    }
 }
 
 fn cloud_table(
     group: &'static str,
     cloud: &Gaussians,
     order: &[u32],
-    quats_free: bool,
+    orders: Option<&[AxisOrder]>,
     sensitivity: &[Vec<f32>; 8],
 ) -> Table {
     let rows = || order.iter().map(|&i| i as usize);
-    let part = |columns: usize, follows: Follows, of: usize, most: f32, fixed: FixedStep| FieldPart {
-        columns,
-        follows,
-        sensitivity: sensitivity[of].clone(),
-        most,
-        fixed,
+    let part = |columns: usize, follows: Follows, of: usize, most: f32, fixed: FixedStep| {
+        let sensitivity = sensitivity[of].clone();
+        FieldPart { columns, follows, sensitivity, most, fixed, memory: Memory::NONE }
     };
     let means = rows().flat_map(|i| cloud.means[i]).collect();
-    let means = Field {
-        delta: true,
-        ..field("means", &[3], means, vec![part(3, Follows::Shape, 0, f32::MAX, FixedStep::OfSize)])
+    let means =
+        field("means", &[3], means, vec![part(3, Follows::Shape, 0, f32::MAX, FixedStep::OfSize).like_neighbours()]);
+    let in_order = |i: usize| {
+        let (sizes, quat) = (cloud.log_scales[i], cloud.quats[i]);
+        orders.map_or((sizes, quat), |orders| (orders[i].sizes(sizes), orders[i].quat(quat)))
     };
-    let parts: Option<Vec<(usize, [f32; 3])>> = rows().map(|i| smallest_three(&cloud.quats[i])).collect();
-    let quats: Vec<f32> = rows().flat_map(|i| cloud.quats[i]).collect();
+    let (sizes, quats): (Vec<[f32; 3]>, Vec<[f32; 4]>) = rows().map(in_order).unzip();
+    let parts: Option<Vec<(usize, [f32; 3])>> = quats.iter().map(smallest_three).collect();
+    let quats = quats.as_flattened().to_vec();
     // Sensitivity is that of the quaternion as it is; of the unit one it is its length squared times as much.
     let of_unit: Vec<f32> =
         (rows().zip(&sensitivity[1])).map(|(i, &s)| s * cloud.quats[i].iter().map(|v| v * v).sum::<f32>()).collect();
@@ -182,35 +225,32 @@ fn cloud_table(
             sensitivity: Vec::new(),
             most: 1.0,
             fixed: FixedStep::Same(1.0),
+            memory: Memory::NONE,
         },
         FieldPart { sensitivity: of_unit, ..part(3, Follows::Shape, 1, MOST_QUAT, FixedStep::Same(FIXED_QUAT)) },
     ];
     let coded = parts
-        .filter(|_| quats_free)
+        .filter(|_| orders.is_some())
         .map(|parts| parts.iter().flat_map(|&(largest, [a, b, c])| [largest as f32, a, b, c]).collect::<Vec<f32>>());
     let quats = match coded {
         Some(values) => field("quats", &[4], values, quat_parts),
         None => Field { can_be_coded: false, ..field("quats", &[4], quats, quat_parts) },
     };
-    let log_scales = rows().flat_map(|i| cloud.log_scales[i]).collect();
-    let log_scales = field(
-        "log_scales",
-        &[3],
-        log_scales,
-        vec![part(3, Follows::Shape, 2, MOST_LOG_SCALE, FixedStep::Same(FIXED_LOG_SCALE))],
-    );
+    // Each size alone, as they are in order.
+    let of_axis = part(1, Follows::Shape, 2, MOST_LOG_SCALE, FixedStep::Same(FIXED_LOG_SCALE)).like_neighbours();
+    let log_scales = field("log_scales", &[3], sizes.as_flattened().to_vec(), vec![of_axis; 3]);
     let logits = rows().map(|i| cloud.opacity_logits[i]).collect();
     let logits = field(
         "opacity_logits",
         &[],
         logits,
-        vec![part(1, Follows::Colour, 3, MOST_LOGIT, FixedStep::Same(FIXED_LOGIT))],
+        vec![part(1, Follows::Colour, 3, MOST_LOGIT, FixedStep::Same(FIXED_LOGIT)).like_neighbours()],
     );
     let c = cloud.sh_coefficients();
-    let sh = rows().flat_map(|i| cloud.sh[i * c..][..c].as_flattened()).copied().collect();
-    let bands = (0..=cloud.sh_degree as usize)
-        .map(|l| part(3 * (2 * l + 1), Follows::Colour, 4 + l, MOST_SH, FixedStep::Same(FIXED_SH)));
-    let sh = field("sh", &[c, 3], sh, bands.collect());
+    let sh: Vec<f32> = rows().flat_map(|i| cloud.sh[i * c..][..c].as_flattened()).copied().collect();
+    let band = |l: usize| part(2 * l + 1, Follows::Colour, 4 + l, MOST_SH, FixedStep::Same(FIXED_SH));
+    let bands = (0..=cloud.sh_degree as usize).map(|l| if l == 0 { band(l).like_neighbours() } else { band(l) });
+    let sh = colours("sh", &[c, 3], &sh, bands.collect());
     Table {
         group,
         rows: cloud.len(),
@@ -219,19 +259,24 @@ fn cloud_table(
     }
 }
 
-/// What normalising the template's quaternions multiplies them by, by offset record, so that offsets can follow; `None` if
-/// they cannot, because a record belongs to several Gaussians, or if a quaternion has no length: then all stay as they are.
-fn quat_scales(scene: &InstancedScene) -> Option<Vec<f32>> {
-    if scene.offsets.quats.is_empty() {
-        return Some(Vec::new());
+/// An offset of a quaternion for a template that is normalised and has its axes in another order, and what it was multiplied by.
+/// Any multiple of their sum is the same rotation: the one is taken in which the offset has no w.
+fn offset_of_quat(template: [f32; 4], offset: [f32; 4], order: &AxisOrder) -> ([f32; 4], f64) {
+    /// Sums whose w is a smaller part of them keep their length, as the others would become too long.
+    const LEAST_W: f64 = 0.25;
+    let scale = normal_scale(&template).unwrap_or(1.0).abs();
+    let [template, offset] = [template, offset].map(|quat| order.quat(quat).map(|v| scale * f64::from(v)));
+    let sum: [f64; 4] = std::array::from_fn(|i| template[i] + offset[i]);
+    let length = sum.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if !(sum[0] > LEAST_W * length) {
+        return (offset.map(|v| v as f32), scale);
     }
-    let scales: Option<Vec<f64>> = scene.templates.quats.iter().map(normal_scale).collect();
-    let (rows, several) = sources_of_records(&scene.offset_runs(), scene.offsets.len());
-    let of = |scales: Vec<f64>| rows.iter().map(|row| row.map_or(1.0, |row| scales[row as usize] as f32)).collect();
-    scales.filter(|_| !several).map(of)
+    let stretch = template[0] / sum[0];
+    let [x, y, z] = [1, 2, 3].map(|i| (sum[i] * stretch - template[i]) as f32);
+    ([0.0, x, y, z], scale * stretch)
 }
 
-fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, quat_scales: Option<&[f32]>) -> Table {
+fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, orders: Option<&[AxisOrder]>) -> Table {
     let offsets = &scene.offsets;
     let rows = offsets.len();
     let of = |parameter: Parameter| {
@@ -241,17 +286,16 @@ fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, quat
         if each == 0 { Vec::new() } else { all.chunks(each).map(|c| c.iter().sum::<f32>() / each as f32).collect() }
     };
     let part = |columns: usize, follows: Follows, parameter: Parameter, most: f32, fixed: FixedStep| {
-        vec![FieldPart { columns, follows, sensitivity: of(parameter), most, fixed }]
+        vec![FieldPart { columns, follows, sensitivity: of(parameter), most, fixed, memory: Memory::NONE }]
     };
     let means = offsets.means.as_flattened().to_vec();
     let means =
         field("means", &[3], means, part(3, Follows::Shape, Parameter::OffsetMeans, f32::MAX, FixedStep::OfSize));
-    let sh_dc = offsets.sh_dc.as_flattened().to_vec();
-    let sh_dc = field(
+    let sh_dc = colours(
         "sh_dc",
         &[3],
-        sh_dc,
-        part(3, Follows::Colour, Parameter::OffsetShDc, MOST_SH, FixedStep::Same(OFFSETS * FIXED_SH)),
+        offsets.sh_dc.as_flattened(),
+        part(1, Follows::Colour, Parameter::OffsetShDc, MOST_SH, FixedStep::Same(OFFSETS * FIXED_SH)),
     );
     let logits =
         part(1, Follows::Colour, Parameter::OffsetOpacityLogits, MOST_LOGIT, FixedStep::Same(OFFSETS * FIXED_LOGIT));
@@ -259,32 +303,75 @@ fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, quat
     let mut fields = vec![means, sh_dc, logits];
     if !offsets.sh_rest.is_empty() {
         let rest = offsets.sh_rest.len() / rows;
-        let parts =
-            part(3 * rest, Follows::Colour, Parameter::OffsetShRest, MOST_SH, FixedStep::Same(OFFSETS * FIXED_SH));
-        fields.push(field("sh_rest", &[rest, 3], offsets.sh_rest.as_flattened().to_vec(), parts));
+        let parts = part(rest, Follows::Colour, Parameter::OffsetShRest, MOST_SH, FixedStep::Same(OFFSETS * FIXED_SH));
+        fields.push(colours("sh_rest", &[rest, 3], offsets.sh_rest.as_flattened(), parts));
     }
+    let (template_rows, _) = sources_of_records(&scene.offset_runs(), rows);
+    let order_of =
+        |record: usize| Some((template_rows[record]? as usize, orders?)).map(|(row, orders)| (row, &orders[row]));
     if !offsets.log_scales.is_empty() {
-        let parts = part(
-            3,
+        let of_axis = part(
+            1,
             Follows::Shape,
             Parameter::OffsetLogScales,
             MOST_LOG_SCALE,
             FixedStep::Same(OFFSETS * FIXED_LOG_SCALE),
         );
-        fields.push(field("log_scales", &[3], offsets.log_scales.as_flattened().to_vec(), parts));
+        let sizes = offsets.log_scales.iter().enumerate();
+        let sizes = sizes.flat_map(|(record, &sizes)| order_of(record).map_or(sizes, |(_, order)| order.sizes(sizes)));
+        fields.push(field("log_scales", &[3], sizes.collect(), vec![of_axis; 3].concat()));
     }
     if !offsets.quats.is_empty() {
-        let mut parts =
-            part(4, Follows::Shape, Parameter::OffsetQuats, MOST_QUAT, FixedStep::Same(OFFSETS * FIXED_QUAT));
-        let scale = |record: usize| quat_scales.map_or(1.0, |scales| scales[record]);
-        parts[0].sensitivity.iter_mut().enumerate().for_each(|(r, s)| *s /= scale(r).powi(2));
-        let quats = offsets.quats.iter().enumerate().flat_map(|(r, quat)| quat.map(|v| v * scale(r))).collect();
-        fields.push(field("quats", &[4], quats, parts));
+        let quats = offsets.quats.iter().enumerate().map(|(record, &quat)| match order_of(record) {
+            Some((row, order)) => offset_of_quat(scene.templates.quats[row], quat, order),
+            None => (quat, 1.0),
+        });
+        let (quats, scales): (Vec<[f32; 4]>, Vec<f64>) = quats.unzip();
+        let mut xyz = part(3, Follows::Shape, Parameter::OffsetQuats, MOST_QUAT, FixedStep::Same(OFFSETS * FIXED_QUAT));
+        xyz[0].sensitivity.iter_mut().zip(&scales).for_each(|(s, scale)| *s /= scale.powi(2) as f32);
+        let w = FieldPart { columns: 1, ..xyz[0].clone() };
+        fields.push(field("quats", &[4], quats.as_flattened().to_vec(), vec![w, xyz.remove(0)]));
     }
-    let (template_rows, _) = sources_of_records(&scene.offset_runs(), rows);
     let step = |row: &Option<u32>| {
         let size = row.map_or(0.0, |row| size(&scene.templates.log_scales[row as usize]));
         f64::from(OFFSETS) * FIXED_MEAN_PER_SIZE * size
     };
     Table { group: "offset", rows, fields, fixed_mean_steps: template_rows.iter().map(step).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use instgs_vk::math::rng::Rng;
+
+    /// Rotation vector between two quaternions' rotations: zero if they are multiples of each other.
+    fn apart(a: [f64; 4], b: [f64; 4]) -> f64 {
+        let [a, b] = [a, b].map(instgs_vk::math::covariance::normalised_quat);
+        let dot: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+        (1.0 - dot.abs()).max(0.0)
+    }
+
+    #[test]
+    fn offsets_of_rotations_lose_w_and_no_rotation() {
+        let mut rng = Rng::new(4);
+        let mut without_w = 0;
+        for _ in 0..500 {
+            let quat: [f32; 4] = std::array::from_fn(|_| (3.0 * rng.normal()) as f32);
+            let offset: [f32; 4] = std::array::from_fn(|_| rng.normal() as f32);
+            let sizes: [f32; 3] = std::array::from_fn(|_| rng.normal() as f32);
+            let order = AxisOrder::sorted(sizes, quat);
+            let (coded, scale) = offset_of_quat(quat, offset, &order);
+            let template = order.quat(quat).map(f64::from);
+            let length = template.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let sum: [f64; 4] = std::array::from_fn(|i| template[i] / length + f64::from(coded[i]));
+            let want: [f32; 4] = std::array::from_fn(|i| quat[i] + offset[i]);
+            assert!(apart(sum, order.quat(want).map(f64::from)) < 1e-6);
+            // The scale is that of the sum.
+            let of_sum = sum.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let of_want = want.iter().map(|v| f64::from(v * v)).sum::<f64>().sqrt();
+            assert!((of_sum / of_want / scale - 1.0).abs() < 1e-4, "{of_sum} {of_want} {scale}");
+            without_w += usize::from(coded[0] == 0.0);
+        }
+        assert!((400..500).contains(&without_w), "{without_w}: nearly all, but not those that turn half way round");
+    }
 }

@@ -6,8 +6,8 @@
 //! likes on the whole is in its own step.
 
 use super::entropy::CONTEXTS;
-use super::field::{Classes, Follows, MIDDLE, Part};
-use super::source::{Field, FieldPart, FixedStep, Table};
+use super::field::{Classes, Follows, MIDDLE, Memory, Part};
+use super::source::{FieldPart, FixedStep, Table};
 
 /// Halvings of the range in which D is sought: 2^-60 of a range of 200 octaves.
 const HALVINGS: usize = 60;
@@ -74,7 +74,7 @@ fn fixed(table: &Table) -> TableSteps {
             FixedStep::OfSize => (middle.exp2() as f32, Follows::Shape),
             FixedStep::Same(step) => (step, Follows::Nothing),
         };
-        Part { columns: part.columns, step, most: part.most, follows }
+        Part { columns: part.columns, step, most: part.most, follows, memory: part.memory }
     };
     TableSteps {
         classes: Classes {
@@ -122,8 +122,9 @@ impl Wishes {
                 let floor = 1e-6 * median(seen);
                 let wished: Vec<f64> = part.sensitivity.iter().map(|&s| wish(s, floor)).collect();
                 let middle = median(wished.iter().copied());
-                sums[kind].iter_mut().zip(&wished).for_each(|(sum, wish)| *sum += wish - middle);
-                counts[kind] += 1.0;
+                let weight = part.columns as f64;
+                sums[kind].iter_mut().zip(&wished).for_each(|(sum, wish)| *sum += weight * (wish - middle));
+                counts[kind] += weight;
                 of_field.push(Some(middle));
             }
             steps.push(of_field);
@@ -146,6 +147,7 @@ impl Wishes {
             step: step.clamp(f32::MIN_POSITIVE, f32::MAX),
             most: part.most,
             follows: part.follows,
+            memory: part.memory,
         }
     }
 
@@ -168,7 +170,7 @@ impl Wishes {
                 for row in (0..table.rows).step_by(every) {
                     let step = steps[usize::from(classes[row])];
                     let values = columns.clone().map(|c| f64::from(field.values[row * width + c]));
-                    let squares: f64 = values.map(|value| square_error(field, value, step)).sum();
+                    let squares: f64 = values.map(|value| square_error(part, value, step)).sum();
                     sum += every as f64 * f64::from(part.sensitivity[row]) * squares;
                 }
             }
@@ -201,7 +203,7 @@ impl Wishes {
     }
 }
 
-/// Squared error of a value: as rounding leaves it, or on average where it is coded as a difference.
-fn square_error(field: &Field, value: f64, step: f64) -> f64 {
-    if field.delta { step * step / 12.0 } else { (value - (value / step).round() * step).powi(2) }
+/// Squared error of a value: as rounding leaves it, or on average where what it is rounded from is not known yet.
+fn square_error(part: &FieldPart, value: f64, step: f64) -> f64 {
+    if part.memory == Memory::Best { step * step / 12.0 } else { (value - (value / step).round() * step).powi(2) }
 }

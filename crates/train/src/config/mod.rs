@@ -181,7 +181,8 @@ pub struct RateConfig {
     pub quats: f64,
     /// Factor that all learning rates but those of the centres have reached after `decay_steps`.
     pub final_factor: f64,
-    /// Steps of that decay; 0 = those of the whole training.
+    /// Steps of that decay; 0 = those of the whole training. Reports of versions before this key, which did that, are read.
+    #[serde(default)]
     pub decay_steps: u64,
     /// Fraction of these steps after which the rates begin to decay, in 0..1.
     pub decay_start: f64,
