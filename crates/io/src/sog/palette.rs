@@ -2,7 +2,10 @@
 //!
 //! One k-means with all entries would compare every row with every entry: minutes for a million rows. So the rows are cut into
 //! groups of similar ones first, about twice the square root of the number of entries, and each group gets entries in
-//! proportion to its rows. The same rows give the same palette.
+//! proportion to its rows. Equal rows count as one that weighs more: a group of nothing else could not be cut. The same rows give
+//! the same palette.
+
+use std::collections::HashMap;
 
 use rayon::prelude::*;
 
@@ -73,8 +76,10 @@ impl Rows {
 fn squared_distance(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0f32; LANES];
     for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
-        for (sum, (x, y)) in sums.iter_mut().zip(a.iter().zip(b)) {
-            *sum += (x - y) * (x - y);
+        // By index: chains of iterators are not always inlined, and this is all that palettes take time for.
+        for lane in 0..LANES {
+            let difference = a[lane] - b[lane];
+            sums[lane] += difference * difference;
         }
     }
     sums.iter().sum()
@@ -91,13 +96,49 @@ pub(super) fn palette(rows: &Rows, most: usize) -> Palette {
     if rows.len() <= most {
         return Palette { entries: rows.clone(), labels: (0..rows.len()).map(|i| i as u16).collect() };
     }
-    let groups = groups(rows, most);
+    let distinct = Distinct::of(rows);
+    let Palette { entries, labels } = palette_of_distinct(&distinct, most);
+    Palette { entries, labels: distinct.index.iter().map(|&i| labels[i as usize]).collect() }
+}
+
+/// Rows that differ from each other.
+struct Distinct {
+    rows: Rows,
+    /// How many equal ones each stands for.
+    weights: Vec<u32>,
+    /// By original row, its place among these.
+    index: Vec<u32>,
+}
+
+impl Distinct {
+    fn of(rows: &Rows) -> Self {
+        let mut places: HashMap<&[u8], u32> = HashMap::new();
+        let mut out = Self { rows: rows.chosen(std::iter::empty()), weights: Vec::new(), index: Vec::new() };
+        for i in 0..rows.len() {
+            let place = *places.entry(bytemuck::cast_slice(rows.row(i))).or_insert(out.weights.len() as u32);
+            if place as usize == out.weights.len() {
+                out.rows.values.extend_from_slice(rows.row(i));
+                out.weights.push(0);
+            }
+            out.weights[place as usize] += 1;
+            out.index.push(place);
+        }
+        out
+    }
+}
+
+fn palette_of_distinct(distinct: &Distinct, most: usize) -> Palette {
+    let rows = &distinct.rows;
+    if rows.len() <= most {
+        return Palette { entries: rows.clone(), labels: (0..rows.len()).map(|i| i as u16).collect() };
+    }
+    let groups = groups(distinct, most);
     let used = groups.iter().filter(|group| !group.is_empty()).count();
     let spare = most.saturating_sub(used);
     let cut = |group: &Vec<usize>| {
         let count = (1 + spare * group.len() / rows.len()).min(group.len());
         let first = rows.chosen((0..count).map(|k| group[k * group.len() / count]));
-        if count == group.len() { (first, (0..count).collect()) } else { k_means(rows, group, first, ENTRY_STEPS) }
+        if count == group.len() { (first, (0..count).collect()) } else { k_means(distinct, group, first, ENTRY_STEPS) }
     };
     let parts: Vec<(Rows, Vec<usize>)> = groups.par_iter().map(cut).collect();
     let mut out = Palette { entries: rows.chosen(std::iter::empty()), labels: vec![0; rows.len()] };
@@ -110,13 +151,14 @@ pub(super) fn palette(rows: &Rows, most: usize) -> Palette {
 }
 
 /// Indices of similar rows, in ascending order.
-fn groups(rows: &Rows, entries: usize) -> Vec<Vec<usize>> {
+fn groups(distinct: &Distinct, entries: usize) -> Vec<Vec<usize>> {
+    let rows = &distinct.rows;
     let count = (2 * entries.isqrt()).clamp(1, entries.max(1));
     let mut sample: Vec<usize> = (0..rows.len()).collect();
     Rng::new(SEED).shuffle(&mut sample);
     sample.truncate(SAMPLE);
     let first = rows.chosen(sample.iter().copied().take(count));
-    let (centres, _) = k_means(rows, &sample, first, GROUP_STEPS);
+    let (centres, _) = k_means(distinct, &sample, first, GROUP_STEPS);
     let all: Vec<usize> = (0..rows.len()).collect();
     let mut out = vec![Vec::new(); centres.len()];
     for (i, group) in nearest_of(rows, &all, &centres).into_iter().enumerate() {
@@ -131,16 +173,18 @@ fn nearest_of(rows: &Rows, chosen: &[usize], centres: &Rows) -> Vec<usize> {
 }
 
 /// Centres of the chosen rows and each row's centre, from first centres. A centre without rows stays where it is.
-fn k_means(rows: &Rows, chosen: &[usize], first: Rows, steps: usize) -> (Rows, Vec<usize>) {
+fn k_means(distinct: &Distinct, chosen: &[usize], first: Rows, steps: usize) -> (Rows, Vec<usize>) {
+    let rows = &distinct.rows;
     let mut centres = first;
     for _ in 0..steps {
         let nearest = nearest_of(rows, chosen, &centres);
         let mut sums = vec![0f64; centres.values.len()];
         let mut counts = vec![0u32; centres.len()];
         for (&i, &centre) in chosen.iter().zip(&nearest) {
-            counts[centre] += 1;
+            let weight = distinct.weights[i];
+            counts[centre] += weight;
             let sum = &mut sums[centre * rows.stride..][..rows.stride];
-            sum.iter_mut().zip(rows.row(i)).for_each(|(sum, &v)| *sum += f64::from(v));
+            sum.iter_mut().zip(rows.row(i)).for_each(|(sum, &v)| *sum += f64::from(weight) * f64::from(v));
         }
         let of_centres = centres.values.chunks_exact_mut(rows.stride).zip(sums.chunks_exact(rows.stride));
         for ((centre, sum), count) in of_centres.zip(counts).filter(|(_, count)| *count > 0) {
@@ -198,7 +242,13 @@ mod tests {
         let mut rows = Rows::new(45);
         (0..3000).for_each(|_| rows.push(&[0.25; 45]));
         assert_eq!((rows.len(), rows.row(0).len()), (3000, 48));
+        assert_eq!(rms(&rows, &palette(&rows, 1024)), 0.0);
+        // Half of them apart, and more than there are entries: the equal ones keep one of their own.
+        let mut rng = Rng::new(6);
+        (0..3000).for_each(|_| rows.push(&std::array::from_fn::<f32, 45, _>(|_| 4.0 + rng.normal() as f32)));
         let palette = palette(&rows, 1024);
-        assert_eq!(rms(&rows, &palette), 0.0);
+        assert!(palette.labels[..3000].iter().all(|&label| label == palette.labels[0]));
+        assert_eq!(palette.entries.row(palette.labels[0].into()), rows.row(0));
+        assert!(palette.entries.len() > 512, "{}", palette.entries.len());
     }
 }

@@ -9,6 +9,8 @@ use crate::path;
 
 /// A scene of the coded tables of older versions, which are only read.
 pub const OLDER: &[u8] = include_bytes!("../../../../tests/fixtures/small_tables.instgs");
+/// A scene of coded fields without memory and opponent colours, as older versions wrote them.
+pub const OLDER_CODED: &[u8] = include_bytes!("../../../../tests/fixtures/small_coded.instgs");
 
 /// Two instances of a template of three Gaussians, one of them with offsets, and a background of two.
 pub fn scene() -> InstancedScene {

@@ -28,6 +28,7 @@ fn packed_seeds() -> Result<Vec<Seed>, SeedError> {
         Seed::new("q8", files::packed(Pack::Q8)?),
         Seed::new("small", files::packed(Pack::Small)?),
         Seed::new("older", files::OLDER),
+        Seed::new("older coded", files::OLDER_CODED),
     ])
 }
 
