@@ -96,8 +96,7 @@ pub(super) fn tables(scene: &InstancedScene, sensitivity: Option<&Sensitivity>) 
         first.advance(cloud);
         table
     };
-    let [of_templates, of_own, of_background] =
-        [&scene.templates, &scene.own, &scene.background].map(|cloud| axis_orders(cloud));
+    let [of_templates, of_own, of_background] = [&scene.templates, &scene.own, &scene.background].map(axis_orders);
     let of_templates = of_templates.filter(|_| records_are_single(scene));
     let mut out = vec![cloud("template", &scene.templates, None, of_templates.as_deref())];
     out.push(cloud("own", &scene.own, own_order(scene).filter(|_| reorder), of_own.as_deref()));
@@ -268,7 +267,9 @@ fn offset_of_quat(template: [f32; 4], offset: [f32; 4], order: &AxisOrder) -> ([
     let [template, offset] = [template, offset].map(|quat| order.quat(quat).map(|v| scale * f64::from(v)));
     let sum: [f64; 4] = std::array::from_fn(|i| template[i] + offset[i]);
     let length = sum.iter().map(|v| v * v).sum::<f64>().sqrt();
-    if !(sum[0] > LEAST_W * length) {
+    // False for what is not finite, too.
+    let has_w = sum[0] > LEAST_W * length;
+    if !has_w {
         return (offset.map(|v| v as f32), scale);
     }
     let stretch = template[0] / sum[0];
