@@ -284,26 +284,21 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
             return Err(TableError::Classes);
         }
     }
-    let need = rows as u64 * width as u64 * size_of::<f32>() as u64;
+    // Columns come one after another; those of a group go to the rows together, as rows are far apart in memory.
+    let groups = shape.parts.chunks(if shape.opponent { 3 } else { 1 });
+    let widths: Vec<usize> = groups.map(|parts| parts.iter().map(|part| part.columns).sum()).collect();
+    let widest = widths.iter().copied().max().unwrap_or(0);
+    let need = rows as u64 * (width + widest) as u64 * size_of::<f32>() as u64;
     if let Some(have) = available_bytes().filter(|&have| need > have) {
         return Err(TableError::NoMemory { need, have });
     }
-    let mut values = Vec::new();
+    let (mut values, mut group) = (Vec::new(), Vec::new());
     values.try_reserve_exact(rows * width).map_err(TableError::Allocation)?;
     values.resize(rows * width, 0.0f32);
+    group.try_reserve_exact(rows * widest).map_err(TableError::Allocation)?;
     let of_part = |part: &Part| (part.steps(), classes.of(part.follows), part.memory.part());
     let columns: Vec<_> = by_column(&shape.parts).iter().map(of_part).collect();
-    // Columns come one after another; those of a group go to the rows together, as rows are far apart in memory.
-    let groups: Vec<&[Part]> = shape.parts.chunks(if shape.opponent { 3 } else { 1 }).collect();
-    let ends: Vec<usize> = groups
-        .iter()
-        .scan(0, |end, parts| {
-            *end += parts.iter().map(|part| part.columns).sum::<usize>();
-            Some(*end)
-        })
-        .collect();
-    let (mut group, mut first) = (Vec::<f32>::new(), 0);
-    let (mut c, mut row, mut done) = (0, 0, 0);
+    let (mut c, mut row, mut done, mut first) = (0, 0, 0, 0);
     let mut expected = f64::from(shape.centres[0]);
     entropy::decode(&Layout { rows, columns: &kinds(&shape.parts, classes) }, &coded[shape.payload..], |integer| {
         let (steps, classes, memory) = &columns[c];
@@ -318,7 +313,7 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
         if row == rows {
             (c, row) = (c + 1, 0);
             expected = shape.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
-            if c == ends[done] {
+            if c == first + widths[done] {
                 put_columns(&group, &mut values, &Place { rows, width, first, are_colours: shape.opponent });
                 group.clear();
                 (first, done) = (c, done + 1);

@@ -110,7 +110,7 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
                 any = true;
                 out.push((name + CODED, coded(bytes)));
             }
-            None => out.push((name, floats(&[&[table.rows], &field.shape[..]].concat(), &field.values))),
+            None => out.push((name, floats(&[&[table.rows], &field.shape[..]].concat(), &field.plain_values()))),
         }
     }
     if any {

@@ -1,7 +1,9 @@
 //! What `--pack small` codes: the clouds and the offsets of a scene as tables of fields, in the order of the file.
 
+use std::borrow::Cow;
+
 use super::field::{Follows, Memory};
-use super::opponent::to_opponent;
+use super::opponent::{to_opponent, to_rgb};
 use super::sensitivity::Sensitivity;
 use instgs_vk::math::axes::AxisOrder;
 use instgs_vk::math::morton::morton_order;
@@ -79,6 +81,15 @@ pub(super) enum FixedStep {
 }
 
 impl Field {
+    /// The values for a tensor that is not coded.
+    pub(super) fn plain_values(&self) -> Cow<'_, [f32]> {
+        if !self.opponent {
+            return Cow::Borrowed(&self.values);
+        }
+        let bands: Vec<usize> = self.parts.iter().step_by(3).map(|part| part.columns).collect();
+        Cow::Owned(to_rgb(&self.values, &bands))
+    }
+
     /// True if its values are positions, or offsets of them.
     pub(super) fn is_position(&self) -> bool {
         self.parts.iter().any(|part| part.fixed == FixedStep::OfSize)
