@@ -2,27 +2,28 @@
 
 use glam::{DMat3, DVec3};
 
-use super::covariance::{quat_from_rotation, quat_multiply};
+use super::covariance::{normalised_quat, quat_from_rotation, quat_multiply};
 
 /// Another order of a Gaussian's axes, in which it is the same ellipsoid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisOrder {
     /// Index of the size that each axis gets.
-    sizes: [usize; 3],
-    /// What the rotation is multiplied by from the right, w, x, y, z.
-    turn: [f64; 4],
+    sizes: [u8; 3],
+    /// What the rotation is multiplied by from the right, w, x, y, z: a unit quaternion.
+    turn: [f32; 4],
 }
 
 impl AxisOrder {
-    /// The order from the largest to the smallest of `log_scales`. Of the four rotations that go with it, which differ by half
-    /// turns about the axes, the one is taken in which w, positive, is the largest component of `quat` (w, x, y, z).
+    /// The order from the largest to the smallest of `log_scales`. Four rotations go with it, which differ by half turns about
+    /// the axes: the one is taken in which w is positive and no other component of `quat` (w, x, y, z) is larger. `quat` must be
+    /// finite and not zero.
     pub fn sorted(log_scales: [f32; 3], quat: [f32; 4]) -> Self {
-        let mut sizes = [0, 1, 2];
-        sizes.sort_by(|&a, &b| log_scales[b].total_cmp(&log_scales[a]));
-        let [first, second] = [sizes[0], sizes[1]].map(|axis| DVec3::AXES[axis]);
+        let mut sizes = [0u8, 1, 2];
+        sizes.sort_by(|&a, &b| log_scales[usize::from(b)].total_cmp(&log_scales[usize::from(a)]));
+        let [first, second] = [sizes[0], sizes[1]].map(|axis| DVec3::AXES[usize::from(axis)]);
         // The third axis is theirs or the opposite one, which is the same to a Gaussian.
         let new_axes = quat_from_rotation(DMat3::from_cols(first, second, first.cross(second)));
-        let quat = quat.map(f64::from);
+        let quat = normalised_quat(quat.map(f64::from));
         let w_of = |turn: &[f64; 4]| quat_multiply(quat, *turn)[0];
         let half_turns = std::array::from_fn::<_, 4, _>(|i| std::array::from_fn(|k| if i == k { 1.0 } else { 0.0 }));
         let turns = half_turns.map(|half_turn| quat_multiply(new_axes, half_turn));
@@ -30,17 +31,17 @@ impl AxisOrder {
             turns.into_iter().reduce(|best, turn| if w_of(&turn).abs() > w_of(&best).abs() { turn } else { best });
         let turn = turn.unwrap_or(new_axes);
         let sign = if w_of(&turn) < 0.0 { -1.0 } else { 1.0 };
-        Self { sizes, turn: turn.map(|v| sign * v) }
+        Self { sizes, turn: turn.map(|v| (sign * v) as f32) }
     }
 
     /// Sizes, or offsets of them, in the new order.
     pub fn sizes(&self, log_scales: [f32; 3]) -> [f32; 3] {
-        self.sizes.map(|axis| log_scales[axis])
+        self.sizes.map(|axis| log_scales[usize::from(axis)])
     }
 
     /// The quaternion, or an offset of it, that goes with the new order. Lengths stay.
-    pub fn quat(&self, quat: [f32; 4]) -> [f32; 4] {
-        quat_multiply(quat.map(f64::from), self.turn).map(|v| v as f32)
+    pub fn quat(&self, quat: [f64; 4]) -> [f64; 4] {
+        quat_multiply(quat, self.turn.map(f64::from))
     }
 }
 
@@ -52,7 +53,7 @@ mod tests {
 
     fn sorted_axes(log_scales: [f32; 3], quat: [f32; 4]) -> ([f32; 3], [f32; 4]) {
         let order = AxisOrder::sorted(log_scales, quat);
-        (order.sizes(log_scales), order.quat(quat))
+        (order.sizes(log_scales), order.quat(quat.map(f64::from)).map(|v| v as f32))
     }
 
     fn covariance_of(log_scales: [f32; 3], quat: [f32; 4]) -> DMat3 {

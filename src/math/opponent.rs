@@ -1,25 +1,26 @@
-//! Colours as brightness and two differences. Red, green and blue of one surface rise and fall together; the three numbers of
-//! this basis hardly do, and one is large. The basis is orthonormal: an error keeps its length.
+//! Colours as brightness and two differences. Red, green and blue of a surface are alike, so that brightness is large and the
+//! differences are small. The three numbers are those of an orthonormal basis: an error keeps its length.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// 1 / sqrt 3 and 1 / sqrt 6.
-const THIRD: f64 = 0.577_350_269_189_625_8;
-const SIXTH: f64 = THIRD * FRAC_1_SQRT_2;
+/// 1 / sqrt 3.
+const ROOT_THIRD: f64 = 0.577_350_269_189_625_8;
+/// 1 / sqrt 6.
+const ROOT_SIXTH: f64 = ROOT_THIRD * FRAC_1_SQRT_2;
 
 /// Brightness (r + g + b) / sqrt 3, red against blue (r - b) / sqrt 2, and both against green (r - 2 g + b) / sqrt 6.
 // Number by number, here and below: `map` of arrays is not always inlined, and a file has millions of colours.
 #[inline]
 pub fn opponent_from_rgb([r, g, b]: [f32; 3]) -> [f32; 3] {
     let (r, g, b) = (f64::from(r), f64::from(g), f64::from(b));
-    [(THIRD * (r + g + b)) as f32, (FRAC_1_SQRT_2 * (r - b)) as f32, (SIXTH * (r - 2.0 * g + b)) as f32]
+    [(ROOT_THIRD * (r + g + b)) as f32, (FRAC_1_SQRT_2 * (r - b)) as f32, (ROOT_SIXTH * (r - 2.0 * g + b)) as f32]
 }
 
 /// The inverse of [`opponent_from_rgb`].
 #[inline]
 pub fn rgb_from_opponent([brightness, red_blue, green]: [f32; 3]) -> [f32; 3] {
-    let mean = THIRD * f64::from(brightness);
-    let (half, part) = (FRAC_1_SQRT_2 * f64::from(red_blue), SIXTH * f64::from(green));
+    let mean = ROOT_THIRD * f64::from(brightness);
+    let (half, part) = (FRAC_1_SQRT_2 * f64::from(red_blue), ROOT_SIXTH * f64::from(green));
     [(mean + half + part) as f32, (mean - 2.0 * part) as f32, (mean - half + part) as f32]
 }
 

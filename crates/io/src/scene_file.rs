@@ -1,6 +1,6 @@
 //! `.instgs`: instanced scenes as a safetensors file.
 //!
-//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]), coded clouds and offsets ([`crate::small`], format 3)
+//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]), coded clouds and offsets ([`crate::small`], formats 3 and 4)
 //! and clouds in the coded tables of older versions (`scene_small.rs`, format 2). Unknown tensors and metadata are kept and
 //! written again. Writing is in [`crate::scene_write`].
 

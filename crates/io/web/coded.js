@@ -66,13 +66,13 @@ export function decodeField(bytes, classes) {
   parts.forEach((part, model) => {
     const memory = flags & DELTA ? 1 : part.memory;
     for (let end = column + part.columns; column < end; column++) {
-      let expected = centres[column];
+      let prediction = centres[column];
       for (let row = 0; row < rows; row++) {
         const context = part.classes ? part.classes[row] : 0;
         const integer = decoder.next(model * CONTEXTS + context);
-        const value = expected + integer * part.steps[part.classes ? context : MIDDLE];
+        const value = prediction + integer * part.steps[part.classes ? context : MIDDLE];
         values[row * width + column] = value;
-        if (memory > 0) expected = (1 - memory) * expected + memory * value;
+        if (memory > 0) prediction = (1 - memory) * prediction + memory * value;
       }
     }
   });
@@ -88,16 +88,16 @@ export function decodeField(bytes, classes) {
  */
 function rgbFromOpponent(values, width, parts) {
   const coded = new Float32Array(width);
-  const third = 1 / Math.sqrt(3);
+  const rootThird = 1 / Math.sqrt(3);
   for (let row = 0; row < values.length; row += width) {
     coded.set(values.subarray(row, row + width));
     let first = 0;
     for (let part = 0; part < parts.length; part += 3) {
       const count = parts[part].columns;
       for (let i = 0; i < count; i++) {
-        const mean = third * coded[first + i];
+        const mean = rootThird * coded[first + i];
         const half = Math.SQRT1_2 * coded[first + count + i];
-        const green = third * Math.SQRT1_2 * coded[first + 2 * count + i];
+        const green = rootThird * Math.SQRT1_2 * coded[first + 2 * count + i];
         const at = row + first + 3 * i;
         values[at] = mean + half + green;
         values[at + 1] = mean - 2 * green;

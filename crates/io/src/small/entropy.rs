@@ -159,7 +159,7 @@ pub(super) fn encode(layout: &Layout<'_>, values: &[i64]) -> Vec<u8> {
         let mut sums = [0u32; TOKENS];
         let mut left: u32 = contexts.iter().flatten().sum();
         for context in contexts {
-            // All tables are at most 15 a model; a tensor has at most 10 models.
+            // All tables are at most 15 a model; a tensor has at most 12 models.
             table_of.push(tables.len() as u8);
             sums.iter_mut().zip(context).for_each(|(sum, count)| *sum += count);
             left -= context.iter().sum::<u32>();

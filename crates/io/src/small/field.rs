@@ -1,11 +1,12 @@
-//! A coded field: rows of values, each a whole number of steps from what is expected of it.
+//! A coded field: rows of values. Each is coded as the whole number of steps between it and a prediction.
 //!
 //! The columns form *parts* (an SH band, say), and a part has one step for all rows or one that doubles with the row's class
 //! of precision. The bytes: rows u64, columns u16, parts u8, flags u8 ([`DELTA`], [`OPPONENT`]); for each part its columns u16,
 //! step f32, most f32 and kind u8 (what its step follows, plus 16 times the quarters of its memory); the centre f32 of each
-//! column; then the entropy-coded integers (`entropy.rs`). Value = expected + integer * step. What is expected is the centre in
-//! the first row, and moves from row to row by the part's *memory* of the way to the value, so that 0 expects the centre always
-//! and 1 the value of the row before. Nothing accumulates: the encoder expects what the decoder does.
+//! column; then the entropy-coded integers (`entropy.rs`). Value = prediction + integer * step. In a column's first row the
+//! prediction is the centre. After each row it moves by the part's *memory*, from 0 to 1, of the way to the decoded value: with
+//! 0 it stays the centre, with 1 it is the value of the row before. The encoder predicts from decoded values too, so that errors
+//! do not accumulate.
 
 use super::entropy::{self, CONTEXTS, ColumnKind, Layout, MOST_STEPS};
 use crate::host_memory::available_bytes;
@@ -18,10 +19,11 @@ pub(super) const MIDDLE: u8 = (CONTEXTS / 2) as u8;
 const DELTA: u8 = 1;
 /// Flag: the columns are colours (`opponent.rs`).
 const OPPONENT: u8 = 2;
-/// Memories are this part of 1, and those that the encoder tries.
+/// A memory is a number of quarters; this one is 1.
 const QUARTERS: u8 = 4;
+/// Quarters of the memories that the encoder tries.
 const TRIED: [u8; 4] = [0, 1, 2, QUARTERS];
-/// The byte of a part holds its kind and so many times the quarters of its memory.
+/// The last byte of a part is its kind plus this times the quarters of its memory.
 const KINDS: u8 = 16;
 /// Bytes of the fixed part of the header, and for each part.
 const HEADER_BYTES: usize = 12;
@@ -52,19 +54,19 @@ pub(super) struct Part {
     pub(super) memory: Memory,
 }
 
-/// How much the expected value learns from that of the row before.
+/// How far the prediction moves towards the value of the row before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Memory {
-    /// So many quarters of the difference.
+    /// Quarters of the difference, 0 to 4.
     Quarters(u8),
     /// What takes the fewest bits; for the encoder.
     Best,
 }
 
 impl Memory {
-    /// The centre is expected always.
+    /// The prediction is always the centre.
     pub(super) const NONE: Self = Self::Quarters(0);
-    /// The value of the row before is expected: whole numbers stay whole.
+    /// The prediction is the value of the row before: whole numbers stay whole.
     pub(super) const ALL: Self = Self::Quarters(QUARTERS);
 
     /// Part of the difference, 0 to 1.
@@ -181,12 +183,13 @@ fn part_of(bytes: &[u8; PART_BYTES]) -> Option<Part> {
         2 => Follows::Colour,
         _ => return None,
     };
-    if quarters > QUARTERS {
+    let columns = usize::from(u16::from_le_bytes([c0, c1]));
+    if quarters > QUARTERS || columns == 0 {
         return None;
     }
     let memory = Memory::Quarters(quarters);
     let [step, most] = [[s0, s1, s2, s3], [m0, m1, m2, m3]].map(f32::from_le_bytes);
-    Some(Part { columns: usize::from(u16::from_le_bytes([c0, c1])), step, most, follows, memory })
+    Some(Part { columns, step, most, follows, memory })
 }
 
 /// The column kinds of parts: one model per part.
@@ -299,20 +302,20 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
     let of_part = |part: &Part| (part.steps(), classes.of(part.follows), part.memory.part());
     let columns: Vec<_> = by_column(&shape.parts).iter().map(of_part).collect();
     let (mut c, mut row, mut done, mut first) = (0, 0, 0, 0);
-    let mut expected = f64::from(shape.centres[0]);
+    let mut prediction = f64::from(shape.centres[0]);
     entropy::decode(&Layout { rows, columns: &kinds(&shape.parts, classes) }, &coded[shape.payload..], |integer| {
         let (steps, classes, memory) = &columns[c];
-        let value = expected + integer as f64 * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
+        let value = prediction + integer as f64 * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
         // Half a step beyond the largest f32 must not become infinite.
         group.push(value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32);
-        // Most parts have none, and need not wait for the value before.
+        // Without a memory the next value does not wait for this one.
         if *memory > 0.0 {
-            expected = moved(expected, value, *memory);
+            prediction = moved(prediction, value, *memory);
         }
         row += 1;
         if row == rows {
             (c, row) = (c + 1, 0);
-            expected = shape.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
+            prediction = shape.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
             if c == first + widths[done] {
                 put_columns(&group, &mut values, &Place { rows, width, first, are_colours: shape.opponent });
                 group.clear();
@@ -341,7 +344,8 @@ fn put_columns(columns: &[f32], values: &mut [f32], place: &Place) {
         if are_colours {
             for (i, rgb) in out.as_chunks_mut::<3>().0.iter_mut().enumerate() {
                 let of = |part: usize| columns[(part * (count / 3) + i) * rows + row];
-                *rgb = rgb_from_opponent([of(0), of(1), of(2)]);
+                // A sum of large numbers must not become infinite.
+                *rgb = rgb_from_opponent([of(0), of(1), of(2)]).map(|v| v.clamp(f32::MIN, f32::MAX));
             }
         } else {
             out.iter_mut().enumerate().for_each(|(c, value)| *value = columns[c * rows + row]);
@@ -356,18 +360,18 @@ fn rounded<'a>(
     part: &Part,
     classes: Option<&'a [u8]>,
 ) -> impl Iterator<Item = i64> + 'a {
-    let (mut expected, steps, memory) = (centre, part.steps(), part.memory.part());
+    let (mut prediction, steps, memory) = (centre, part.steps(), part.memory.part());
     values.enumerate().map(move |(row, value)| {
         let step = steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
-        let integer = ((f64::from(value) - expected) / step).round();
-        expected = moved(expected, expected + integer * step, memory);
+        let integer = ((f64::from(value) - prediction) / step).round();
+        prediction = moved(prediction, prediction + integer * step, memory);
         integer as i64
     })
 }
 
-/// What is expected after a row; exactly its value with a memory of 1.
-fn moved(expected: f64, value: f64, memory: f64) -> f64 {
-    (1.0 - memory) * expected + memory * value
+/// The prediction after a row; with a memory of 1 exactly its value.
+fn moved(prediction: f64, value: f64, memory: f64) -> f64 {
+    (1.0 - memory) * prediction + memory * value
 }
 
 /// About the bits of an integer.
@@ -388,7 +392,7 @@ fn reach(values: impl Iterator<Item = f32> + Clone, centre: f32, moves: bool) ->
     let of = |values: &mut dyn Iterator<Item = f32>| {
         values.fold(0.0f64, |reach, value| reach.max((f64::from(value) - f64::from(centre)).abs()))
     };
-    // What is expected is within the range of the values, so that differences are at most that, and a step more for what was
-    // rounded before.
+    // A prediction lies within the range of the values, but for the rounding of the row before, so that a difference is at most
+    // that range and a step.
     of(&mut values.into_iter()) * if moves { 2.5 } else { 1.0 }
 }

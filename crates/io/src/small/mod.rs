@@ -10,11 +10,10 @@
 //!
 //! Colours are coded as brightness and two differences (`opponent.rs`).
 //!
-//! Of positions, sizes, opacities and base colours what is coded is how they differ from the Gaussian before, in Morton order
-//! where the order is free: the background's, and that of the own Gaussians of an instance. Rotations are the index of the
-//! largest component and the other three, the largest being positive. As an ellipsoid has several rotations, the one is taken
-//! whose w is largest once sizes are in order (`math::axes`). Offsets of sizes and quaternions follow their template's, and are
-//! scaled so that the offset has no w: their sums stay the same rotations.
+//! Positions, sizes, opacities and base colours are predicted from the Gaussian before (`field.rs`), in Morton order where the
+//! order is free: the background's, and that of the own Gaussians of an instance. As an ellipsoid has several rotations, the one
+//! is taken whose w is positive and the largest once sizes are in falling order (`math::axes`); x, y and z are coded. The axes of
+//! offsets follow their template's, and offsets of quaternions are scaled so that they have no w: the sums stay the same rotations.
 
 mod entropy;
 mod field;
@@ -110,7 +109,8 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
                 any = true;
                 out.push((name + CODED, coded(bytes)));
             }
-            None => out.push((name, floats(&[&[table.rows], &field.shape[..]].concat(), &field.plain_values()))),
+            // Only positions can be too far apart: what is coded in another form, colours and rotations, has steps that reach.
+            None => out.push((name, floats(&[&[table.rows], &field.shape[..]].concat(), &field.values))),
         }
     }
     if any {

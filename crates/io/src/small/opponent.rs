@@ -1,7 +1,7 @@
 //! Colours in the order in which they are coded: of each SH band first the brightness of all coefficients, then their two
 //! differences of colour (`math::opponent`). Each of the three is a part of its own, as brightness is by far the largest.
 
-use instgs_vk::math::opponent::{opponent_from_rgb, rgb_from_opponent};
+use instgs_vk::math::opponent::opponent_from_rgb;
 
 /// Rows of red, green and blue by coefficient, as they are coded; `bands` are the numbers of coefficients of the bands.
 pub(super) fn to_opponent(rgb: &[f32], bands: &[usize]) -> Vec<f32> {
@@ -10,18 +10,6 @@ pub(super) fn to_opponent(rgb: &[f32], bands: &[usize]) -> Vec<f32> {
         let coefficients: Vec<[f32; 3]> = row.as_chunks::<3>().0.iter().map(|&rgb| opponent_from_rgb(rgb)).collect();
         for (coefficient, place) in places(bands) {
             (0..3).for_each(|i| row[place[i]] = coefficients[coefficient][i]);
-        }
-    }
-    out
-}
-
-/// The inverse of [`to_opponent`].
-pub(super) fn to_rgb(opponent: &[f32], bands: &[usize]) -> Vec<f32> {
-    let mut out = opponent.to_vec();
-    let width = 3 * bands.iter().sum::<usize>().max(1);
-    for (row, coded) in out.chunks_exact_mut(width).zip(opponent.chunks_exact(width)) {
-        for (coefficient, place) in places(bands) {
-            row[3 * coefficient..][..3].copy_from_slice(&rgb_from_opponent(place.map(|column| coded[column])));
         }
     }
     out
@@ -59,7 +47,6 @@ mod tests {
                 assert_eq!(of_band, opponent(1 + i));
             }
         }
-        assert!(rgb.iter().zip(to_rgb(&coded, &[1, 3])).all(|(a, b)| (a - b).abs() < 1e-6));
-        assert!(to_opponent(&[], &[]).is_empty() && to_rgb(&[], &[]).is_empty());
+        assert!(to_opponent(&[], &[]).is_empty());
     }
 }

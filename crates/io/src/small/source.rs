@@ -1,13 +1,12 @@
 //! What `--pack small` codes: the clouds and the offsets of a scene as tables of fields, in the order of the file.
 
-use std::borrow::Cow;
-
 use super::field::{Follows, Memory};
-use super::opponent::{to_opponent, to_rgb};
+use super::opponent::to_opponent;
 use super::sensitivity::Sensitivity;
 use instgs_vk::math::axes::AxisOrder;
+use instgs_vk::math::covariance::normalised_quat;
 use instgs_vk::math::morton::morton_order;
-use instgs_vk::math::smallest_three::{normal_scale, smallest_three};
+use instgs_vk::math::smallest_three::normal_scale;
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 use instgs_vk::scene::offset_runs::sources_of_records;
@@ -19,7 +18,7 @@ const MOST_LOGIT: f32 = 1.0;
 const MOST_QUAT: f32 = 0.25;
 const MOST_SH: f32 = 0.3;
 /// Steps without sensitivity: a size changes by at most 2.5 %, an opacity by at most 1/80, the base colour (0.282 times SH)
-/// by at most 0.7 of 255 levels; a position by 1/32 of its Gaussian's size.
+/// by at most 1.2 of 255 levels; a position by 1/32 of its Gaussian's size.
 const FIXED_LOG_SCALE: f32 = 0.05;
 const FIXED_LOGIT: f32 = 0.1;
 const FIXED_QUAT: f32 = std::f32::consts::FRAC_1_SQRT_2 / 127.0;
@@ -81,15 +80,6 @@ pub(super) enum FixedStep {
 }
 
 impl Field {
-    /// The values for a tensor that is not coded.
-    pub(super) fn plain_values(&self) -> Cow<'_, [f32]> {
-        if !self.opponent {
-            return Cow::Borrowed(&self.values);
-        }
-        let bands: Vec<usize> = self.parts.iter().step_by(3).map(|part| part.columns).collect();
-        Cow::Owned(to_rgb(&self.values, &bands))
-    }
-
     /// True if its values are positions, or offsets of them.
     pub(super) fn is_position(&self) -> bool {
         self.parts.iter().any(|part| part.fixed == FixedStep::OfSize)
@@ -118,11 +108,11 @@ pub(super) fn tables(scene: &InstancedScene, sensitivity: Option<&Sensitivity>) 
 }
 
 /// The order of the axes of each Gaussian in which sizes fall and quaternions have a positive w, the largest; `None` if a
-/// rotation has no length or a size is not finite: then all stay as they are.
+/// rotation has no length or is not finite: then all stay as they are.
 fn axis_orders(cloud: &Gaussians) -> Option<Vec<AxisOrder>> {
     let of = |(quat, sizes): (&[f32; 4], &[f32; 3])| {
         normal_scale(quat)?;
-        sizes.iter().all(|v| v.is_finite()).then(|| AxisOrder::sorted(*sizes, *quat))
+        Some(AxisOrder::sorted(*sizes, *quat))
     };
     cloud.quats.iter().zip(&cloud.log_scales).map(of).collect()
 }
@@ -207,7 +197,7 @@ fn cloud_table(
     group: &'static str,
     cloud: &Gaussians,
     order: &[u32],
-    orders: Option<&[AxisOrder]>,
+    axes: Option<&[AxisOrder]>,
     sensitivity: &[Vec<f32>; 8],
 ) -> Table {
     let rows = || order.iter().map(|&i| i as usize);
@@ -218,13 +208,14 @@ fn cloud_table(
     let means = rows().flat_map(|i| cloud.means[i]).collect();
     let means =
         field("means", &[3], means, vec![part(3, Follows::Shape, 0, f32::MAX, FixedStep::OfSize).like_neighbours()]);
-    let in_order = |i: usize| {
-        let (sizes, quat) = (cloud.log_scales[i], cloud.quats[i]);
-        orders.map_or((sizes, quat), |orders| (orders[i].sizes(sizes), orders[i].quat(quat)))
+    let sizes = rows().map(|i| axes.map_or(cloud.log_scales[i], |axes| axes[i].sizes(cloud.log_scales[i])));
+    let sizes: Vec<[f32; 3]> = sizes.collect();
+    // Of a unit quaternion whose w is the largest, the other three say all; the index of the largest is 0.
+    let coded = |(axes, i): (&[AxisOrder], usize)| {
+        let [_, x, y, z] = axes[i].quat(normalised_quat(cloud.quats[i].map(f64::from)));
+        [0.0, x as f32, y as f32, z as f32]
     };
-    let (sizes, quats): (Vec<[f32; 3]>, Vec<[f32; 4]>) = rows().map(in_order).unzip();
-    let parts: Option<Vec<(usize, [f32; 3])>> = quats.iter().map(smallest_three).collect();
-    let quats = quats.as_flattened().to_vec();
+    let quats = rows().flat_map(|i| axes.map_or(cloud.quats[i], |axes| coded((axes, i)))).collect();
     // Sensitivity is that of the quaternion as it is; of the unit one it is its length squared times as much.
     let of_unit: Vec<f32> =
         (rows().zip(&sensitivity[1])).map(|(i, &s)| s * cloud.quats[i].iter().map(|v| v * v).sum::<f32>()).collect();
@@ -239,13 +230,8 @@ fn cloud_table(
         },
         FieldPart { sensitivity: of_unit, ..part(3, Follows::Shape, 1, MOST_QUAT, FixedStep::Same(FIXED_QUAT)) },
     ];
-    let coded = parts
-        .filter(|_| orders.is_some())
-        .map(|parts| parts.iter().flat_map(|&(largest, [a, b, c])| [largest as f32, a, b, c]).collect::<Vec<f32>>());
-    let quats = match coded {
-        Some(values) => field("quats", &[4], values, quat_parts),
-        None => Field { can_be_coded: false, ..field("quats", &[4], quats, quat_parts) },
-    };
+    let quats = field("quats", &[4], quats, quat_parts);
+    let quats = Field { can_be_coded: quats.can_be_coded && axes.is_some(), ..quats };
     // Each size alone, as they are in order.
     let of_axis = part(1, Follows::Shape, 2, MOST_LOG_SCALE, FixedStep::Same(FIXED_LOG_SCALE)).like_neighbours();
     let log_scales = field("log_scales", &[3], sizes.as_flattened().to_vec(), vec![of_axis; 3]);
@@ -270,16 +256,17 @@ fn cloud_table(
 }
 
 /// An offset of a quaternion for a template that is normalised and has its axes in another order, and what it was multiplied by.
-/// Any multiple of their sum is the same rotation: the one is taken in which the offset has no w.
+/// All multiples of the sum of the two are the same rotation: the one is taken whose w is the template's, so that the offset has
+/// none.
 fn offset_of_quat(template: [f32; 4], offset: [f32; 4], order: &AxisOrder) -> ([f32; 4], f64) {
     /// Sums whose w is a smaller part of them keep their length, as the others would become too long.
     const LEAST_W: f64 = 0.25;
     let scale = normal_scale(&template).unwrap_or(1.0).abs();
-    let [template, offset] = [template, offset].map(|quat| order.quat(quat).map(|v| scale * f64::from(v)));
+    let [template, offset] = [template, offset].map(|quat| order.quat(quat.map(|v| scale * f64::from(v))));
     let sum: [f64; 4] = std::array::from_fn(|i| template[i] + offset[i]);
     let length = sum.iter().map(|v| v * v).sum::<f64>().sqrt();
     // False for what is not finite, too.
-    let has_w = sum[0] > LEAST_W * length;
+    let has_w = sum[0].abs() > LEAST_W * length;
     if !has_w {
         return (offset.map(|v| v as f32), scale);
     }
@@ -340,7 +327,8 @@ fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, orde
         });
         let (quats, scales): (Vec<[f32; 4]>, Vec<f64>) = quats.unzip();
         let mut xyz = part(3, Follows::Shape, Parameter::OffsetQuats, MOST_QUAT, FixedStep::Same(OFFSETS * FIXED_QUAT));
-        xyz[0].sensitivity.iter_mut().zip(&scales).for_each(|(s, scale)| *s /= scale.powi(2) as f32);
+        let of_scaled = |s: f32, scale: f64| (f64::from(s) / scale.powi(2)).min(f64::from(f32::MAX)) as f32;
+        xyz[0].sensitivity.iter_mut().zip(&scales).for_each(|(s, &scale)| *s = of_scaled(*s, scale));
         let w = FieldPart { columns: 1, ..xyz[0].clone() };
         fields.push(field("quats", &[4], quats.as_flattened().to_vec(), vec![w, xyz.remove(0)]));
     }
@@ -356,7 +344,7 @@ mod tests {
     use super::*;
     use instgs_vk::math::rng::Rng;
 
-    /// Rotation vector between two quaternions' rotations: zero if they are multiples of each other.
+    /// 0 if two quaternions are multiples of each other, up to 1.
     fn apart(a: [f64; 4], b: [f64; 4]) -> f64 {
         let [a, b] = [a, b].map(instgs_vk::math::covariance::normalised_quat);
         let dot: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
@@ -373,15 +361,15 @@ mod tests {
             let sizes: [f32; 3] = std::array::from_fn(|_| rng.normal() as f32);
             let order = AxisOrder::sorted(sizes, quat);
             let (coded, scale) = offset_of_quat(quat, offset, &order);
-            let template = order.quat(quat).map(f64::from);
+            let template = order.quat(quat.map(f64::from));
             let length = template.iter().map(|v| v * v).sum::<f64>().sqrt();
             let sum: [f64; 4] = std::array::from_fn(|i| template[i] / length + f64::from(coded[i]));
             let want: [f32; 4] = std::array::from_fn(|i| quat[i] + offset[i]);
-            assert!(apart(sum, order.quat(want).map(f64::from)) < 1e-6);
+            assert!(apart(sum, order.quat(want.map(f64::from))) < 1e-6);
             // The scale is that of the sum.
             let of_sum = sum.iter().map(|v| v * v).sum::<f64>().sqrt();
             let of_want = want.iter().map(|v| f64::from(v * v)).sum::<f64>().sqrt();
-            assert!((of_sum / of_want / scale - 1.0).abs() < 1e-4, "{of_sum} {of_want} {scale}");
+            assert!((of_sum / of_want / scale.abs() - 1.0).abs() < 1e-4, "{of_sum} {of_want} {scale}");
             without_w += usize::from(coded[0] == 0.0);
         }
         assert!((400..500).contains(&without_w), "{without_w}: nearly all, but not those that turn half way round");

@@ -2,8 +2,8 @@
 //!
 //! One k-means with all entries would compare every row with every entry: minutes for a million rows. So the rows are cut into
 //! groups of similar ones first, about twice the square root of the number of entries, and each group gets entries in
-//! proportion to its rows. Equal rows count as one that weighs more: a group of nothing else could not be cut. The same rows give
-//! the same palette.
+//! proportion to its different rows. Equal rows count as one, with a weight in means: otherwise a group of equal rows would get as
+//! many equal entries, and take most of the time. The same rows give the same palette.
 
 use std::collections::HashMap;
 
@@ -243,7 +243,7 @@ mod tests {
         (0..3000).for_each(|_| rows.push(&[0.25; 45]));
         assert_eq!((rows.len(), rows.row(0).len()), (3000, 48));
         assert_eq!(rms(&rows, &palette(&rows, 1024)), 0.0);
-        // Half of them apart, and more than there are entries: the equal ones keep one of their own.
+        // 3,000 more that differ, for 1,024 entries: the equal ones keep an entry of their own.
         let mut rng = Rng::new(6);
         (0..3000).for_each(|_| rows.push(&std::array::from_fn::<f32, 45, _>(|_| 4.0 + rng.normal() as f32)));
         let palette = palette(&rows, 1024);
