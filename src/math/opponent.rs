@@ -3,9 +3,9 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// 1 / sqrt 3.
+/// 1 / sqrt 3, which brings (1, 1, 1), brightness, to length 1.
 const ROOT_THIRD: f64 = 0.577_350_269_189_625_8;
-/// 1 / sqrt 6.
+/// 1 / sqrt 6, which brings (1, -2, 1), red and blue against green, to length 1.
 const ROOT_SIXTH: f64 = ROOT_THIRD * FRAC_1_SQRT_2;
 
 /// Brightness (r + g + b) / sqrt 3, red against blue (r - b) / sqrt 2, and both against green (r - 2 g + b) / sqrt 6.

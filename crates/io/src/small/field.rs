@@ -5,8 +5,7 @@
 //! step f32, most f32 and kind u8 (what its step follows, plus 16 times the quarters of its memory); the centre f32 of each
 //! column; then the entropy-coded integers (`entropy.rs`). Value = prediction + integer * step. In a column's first row the
 //! prediction is the centre. After each row it moves by the part's *memory*, from 0 to 1, of the way to the decoded value: with
-//! 0 it stays the centre, with 1 it is the value of the row before. The encoder predicts from decoded values too, so that errors
-//! do not accumulate.
+//! 0 it stays the centre, with 1 it is the value of the row before. The encoder predicts from decoded values too: no error grows.
 
 use super::entropy::{self, CONTEXTS, ColumnKind, Layout, MOST_STEPS};
 use crate::host_memory::available_bytes;
@@ -69,12 +68,17 @@ impl Memory {
     /// The prediction is the value of the row before: whole numbers stay whole.
     pub(super) const ALL: Self = Self::Quarters(QUARTERS);
 
+    /// Its quarters, as a file has them; 0 while the encoder has not chosen.
+    fn quarters(self) -> u8 {
+        match self {
+            Self::Quarters(quarters) => quarters,
+            Self::Best => 0,
+        }
+    }
+
     /// Part of the difference, 0 to 1.
     fn part(self) -> f64 {
-        match self {
-            Self::Quarters(quarters) => f64::from(quarters) / f64::from(QUARTERS),
-            Self::Best => 0.0,
-        }
+        f64::from(self.quarters()) / f64::from(QUARTERS)
     }
 }
 
@@ -143,7 +147,7 @@ impl Shape {
         let counts = TableError::Counts { rows, width: width as u32, block_rows: count as u32 };
         let columns: usize = parts.iter().map(|part| part.columns).sum();
         if flags & DELTA != 0 {
-            parts.iter_mut().for_each(|part| part.memory = Memory::Quarters(QUARTERS));
+            parts.iter_mut().for_each(|part| part.memory = Memory::ALL);
         }
         let opponent = flags & OPPONENT != 0;
         let are_colours = |parts: &[Part]| parts.len() == 3 && parts.iter().all(|p| p.columns == parts[0].columns);
@@ -267,7 +271,7 @@ pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec
             Follows::Shape => 1,
             Follows::Colour => 2,
         };
-        out.push(kind + KINDS * (part.memory.part() * f64::from(QUARTERS)) as u8);
+        out.push(kind + KINDS * part.memory.quarters());
     }
     out.extend(centres.iter().flat_map(|centre| centre.to_le_bytes()));
     out.extend(entropy::encode(&Layout { rows, columns: &kinds(&parts, plan.classes) }, &integers));
@@ -326,10 +330,13 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
     Ok(values)
 }
 
-/// Where columns go.
+/// The columns of a table that [`put_columns`] fills.
 struct Place {
+    /// Rows of the table.
     rows: usize,
+    /// Values in a row of the table.
     width: usize,
+    /// Index of the first of the columns in a row.
     first: usize,
     /// Whether they are a band of opponent colours.
     are_colours: bool,
@@ -344,8 +351,9 @@ fn put_columns(columns: &[f32], values: &mut [f32], place: &Place) {
         if are_colours {
             for (i, rgb) in out.as_chunks_mut::<3>().0.iter_mut().enumerate() {
                 let of = |part: usize| columns[(part * (count / 3) + i) * rows + row];
+                let [r, g, b] = rgb_from_opponent([of(0), of(1), of(2)]);
                 // A sum of large numbers must not become infinite.
-                *rgb = rgb_from_opponent([of(0), of(1), of(2)]).map(|v| v.clamp(f32::MIN, f32::MAX));
+                *rgb = [r.clamp(f32::MIN, f32::MAX), g.clamp(f32::MIN, f32::MAX), b.clamp(f32::MIN, f32::MAX)];
             }
         } else {
             out.iter_mut().enumerate().for_each(|(c, value)| *value = columns[c * rows + row]);

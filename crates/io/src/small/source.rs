@@ -256,8 +256,8 @@ fn cloud_table(
 }
 
 /// An offset of a quaternion for a template that is normalised and has its axes in another order, and what it was multiplied by.
-/// All multiples of the sum of the two are the same rotation: the one is taken whose w is the template's, so that the offset has
-/// none.
+/// All multiples of the sum of the two are the same rotation: the multiple is taken that has the template's w, so that the offset's
+/// w is 0.
 fn offset_of_quat(template: [f32; 4], offset: [f32; 4], order: &AxisOrder) -> ([f32; 4], f64) {
     /// Sums whose w is a smaller part of them keep their length, as the others would become too long.
     const LEAST_W: f64 = 0.25;
@@ -275,7 +275,7 @@ fn offset_of_quat(template: [f32; 4], offset: [f32; 4], order: &AxisOrder) -> ([
     ([0.0, x, y, z], scale * stretch)
 }
 
-fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, orders: Option<&[AxisOrder]>) -> Table {
+fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, axes: Option<&[AxisOrder]>) -> Table {
     let offsets = &scene.offsets;
     let rows = offsets.len();
     let of = |parameter: Parameter| {
@@ -306,8 +306,7 @@ fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, orde
         fields.push(colours("sh_rest", &[rest, 3], offsets.sh_rest.as_flattened(), parts));
     }
     let (template_rows, _) = sources_of_records(&scene.offset_runs(), rows);
-    let order_of =
-        |record: usize| Some((template_rows[record]? as usize, orders?)).map(|(row, orders)| (row, &orders[row]));
+    let order_of = |record: usize| Some((template_rows[record]? as usize, axes?)).map(|(row, axes)| (row, &axes[row]));
     if !offsets.log_scales.is_empty() {
         let of_axis = part(
             1,
