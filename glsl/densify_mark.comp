@@ -37,9 +37,10 @@ layout(scalar, binding = 20) readonly buffer OwnGradients { float own_gradients[
 layout(scalar, push_constant) uniform DensifyMarkParams {
     uint count;                // Gaussians
     uint split_count;          // children of a split Gaussian
+    uint halves;               // 1 = splits divide the longest axis alone
     float gradient_threshold;  // mean screen gradient from which Gaussians grow
     float log_scale_split;     // log of the largest scale above which Gaussians are split instead of cloned
-    float log_shrink;          // log of the divisor of the scales of children
+    float log_shrink;          // log of the divisor of the scales of children, or of the longest alone
     float logit_min;           // opacity logit below which Gaussians are removed
     float log_scale_max;       // log of the largest scale above which Gaussians are removed
     float radius_max_px;       // radius on screen above which Gaussians are removed, pixels; clones and children excepted
@@ -58,7 +59,9 @@ void main() {
     // A product, not a quotient: GLSL rounds products as IEEE does, but not quotients.
     bool grows = lives && is_finite(statistics.x) && statistics.x >= gradient_threshold * views;
     bool splits = largest > log_scale_split;
-    uint grown = splits ? (largest - log_shrink <= log_scale_max ? split_count : 0) : kept + (fits ? 1 : 0);
+    vec3 children = child_log_scales(scales, log_shrink, halves != 0);
+    bool children_fit = max(max(children.x, children.y), children.z) + log_world_scales[i] <= log_scale_max;
+    uint grown = splits ? (children_fit ? split_count : 0) : kept + (fits ? 1 : 0);
     bool own = kept == 1 && own_counts[i] > 0;
     uint gain = grows && !own ? max(grown, kept) - kept : 0;
     float gradient = own ? own_gradients[i] : statistics.x / views;

@@ -17,3 +17,16 @@ const uint GROWTH_OWN_SPLIT = 4;      // stays, and leaves a smaller Gaussian to
 const uint MADE_KEPT = 0;             // unchanged Gaussian, with its moments
 const uint MADE_CLONE = 1;            // copy of a clone
 const uint MADE_CHILD = 2;            // and above: child number `made - MADE_CHILD` of a split Gaussian, or of an instance by its index
+
+// The longest axis of a Gaussian; of equal ones the first.
+uint longest_axis(vec3 log_scales) {
+    if (log_scales.x >= log_scales.y && log_scales.x >= log_scales.z) return 0;
+    return log_scales.y >= log_scales.z ? 1 : 2;
+}
+
+// Logs of the scales of a split Gaussian's children: of all axes, or of the longest alone, the divisor is taken off.
+vec3 child_log_scales(vec3 log_scales, float log_shrink, bool halves) {
+    if (!halves) return log_scales - log_shrink;
+    log_scales[longest_axis(log_scales)] -= log_shrink;
+    return log_scales;
+}

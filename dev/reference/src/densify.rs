@@ -14,12 +14,16 @@ use super::random::{RANDOM_SPLIT, Stream};
 pub struct Limits {
     /// Mean screen-space gradient from which on a Gaussian is cloned or split.
     pub gradient_threshold: f64,
+    /// Whether children divide the longest axis of their parent instead of being drawn inside it.
+    pub halves: bool,
     /// Gaussians of a larger scale are split instead of cloned, scene units.
     pub split_above: f64,
     /// Number of children of a split Gaussian.
     pub split_count: u32,
-    /// The children's scales are the parent's divided by this.
+    /// The children's scales are the parent's divided by this; with `halves` only the longest.
     pub split_shrink: f64,
+    /// The children's opacities are the parent's times this.
+    pub split_opacity: f64,
     /// Gaussians of lower opacity are pruned.
     pub opacity_min: f64,
     /// Gaussians of a larger scale are pruned, scene units.
@@ -155,12 +159,11 @@ pub fn seen_gaussian(scene: &InstancedScene, k: usize, local: u32) -> SeenGaussi
 /// What an instance gets of a Gaussian that it has: the Gaussian itself, or a smaller one within it.
 pub fn own_of(seen: SeenGaussian, own: &OwnGaussian, limits: &Limits) -> SeenGaussian {
     let Made::Child(k) = own.made else { return seen };
-    let stream = Stream { seed: limits.seed, time: limits.time, purpose: RANDOM_SPLIT, index: own.source as u32 };
-    let normals = DVec3::from_array(stream.normals(k));
-    let local = seen.log_scales.exp() * normals;
+    let place = child_place(own.source, k, seen.log_scales, limits);
     SeenGaussian {
-        mean: seen.mean + rotation_from_quat(seen.quat) * local,
-        log_scales: seen.log_scales - limits.split_shrink.ln(),
+        mean: seen.mean + rotation_from_quat(seen.quat) * (seen.log_scales.exp() * place),
+        log_scales: child_log_scales(seen.log_scales, limits),
+        opacity_logit: child_logit(seen.opacity_logit, limits),
         ..seen
     }
 }
@@ -304,7 +307,8 @@ fn fate(
         return (kept, None);
     }
     if scale > limits.split_above {
-        let fits = scale / limits.split_shrink <= limits.scale_max;
+        let children = child_log_scales(widened(cloud.log_scales[i]), limits);
+        let fits = children.max_element().exp() * used.world_scale <= limits.scale_max;
         return (kept, fits.then_some((Growth::Split, limits.split_count)));
     }
     (kept, (scale <= limits.scale_max).then_some((Growth::Clone, kept + 1)))
@@ -376,15 +380,54 @@ pub fn densify_sources(
     out
 }
 
+/// The longest axis; of equal ones the first.
+fn longest_axis(log_scales: DVec3) -> usize {
+    (1..3).fold(0, |longest, a| if log_scales[a] > log_scales[longest] { a } else { longest })
+}
+
+/// Log scales of a child of a Gaussian that has `log_scales`.
+fn child_log_scales(mut log_scales: DVec3, limits: &Limits) -> DVec3 {
+    let shrink = limits.split_shrink.ln();
+    if limits.halves {
+        let axis = longest_axis(log_scales);
+        log_scales[axis] -= shrink;
+        return log_scales;
+    }
+    log_scales - shrink
+}
+
+/// Where child `k` of Gaussian `i` lies from its parent's centre, standard deviations along the parent's axes.
+fn child_place(i: usize, k: u32, log_scales: DVec3, limits: &Limits) -> DVec3 {
+    if limits.halves {
+        let mut place = DVec3::ZERO;
+        let distance = (1.0 - limits.split_shrink.powi(-2)).sqrt();
+        place[longest_axis(log_scales)] = if k.is_multiple_of(2) { distance } else { -distance };
+        return place;
+    }
+    let stream = Stream { seed: limits.seed, time: limits.time, purpose: RANDOM_SPLIT, index: i as u32 };
+    DVec3::from_array(stream.normals(k))
+}
+
+/// Opacity logit of a child of a Gaussian that has `logit`.
+fn child_logit(logit: f64, limits: &Limits) -> f64 {
+    let opacity = limits.split_opacity / (1.0 + (-logit).exp());
+    if limits.split_opacity < 1.0 { (opacity / (1.0 - opacity)).ln() } else { logit }
+}
+
+/// Opacity logit of a new Gaussian.
+pub fn opacity_logit(cloud: &Gaussians, (i, made): (usize, Made), limits: &Limits) -> f64 {
+    let logit = f64::from(cloud.opacity_logits[i]);
+    if matches!(made, Made::Child(_)) { child_logit(logit, limits) } else { logit }
+}
+
 /// Mean and log scales of a new Gaussian.
 pub fn shape(cloud: &Gaussians, (i, made): (usize, Made), limits: &Limits) -> ([f64; 3], [f64; 3]) {
     let (mean, log_scales) = (cloud.means[i].map(f64::from), cloud.log_scales[i].map(f64::from));
     let Made::Child(k) = made else { return (mean, log_scales) };
-    let stream = Stream { seed: limits.seed, time: limits.time, purpose: RANDOM_SPLIT, index: i as u32 };
-    let normals = stream.normals(k);
-    let local = glam::DVec3::from_array(std::array::from_fn(|a| log_scales[a].exp() * normals[a]));
-    let place = glam::DVec3::from_array(mean) + rotation_from_quat(cloud.quats[i].map(f64::from)) * local;
-    (place.to_array(), log_scales.map(|s| s - limits.split_shrink.ln()))
+    let scales = DVec3::from_array(log_scales);
+    let local = scales.exp() * child_place(i, k, scales, limits);
+    let place = DVec3::from_array(mean) + rotation_from_quat(cloud.quats[i].map(f64::from)) * local;
+    (place.to_array(), child_log_scales(scales, limits).to_array())
 }
 
 /// Opacity logits after a reset to at most `opacity`.

@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 103] = [
+pub const KEYS: [Key; 105] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -91,9 +91,11 @@ pub const KEYS: [Key; 103] = [
     key("densify.stop_fraction", RealAbove(0.0, 1.0)),
     key("densify.every", Whole(1, STEPS_MAX)),
     key("densify.gradient_threshold", RealAbove(0.0, RATE_MAX)),
+    key("densify.growth", Word(&["clone_or_split", "halves"])),
     key("densify.split_fraction", RealAbove(0.0, RATE_MAX)),
     key("densify.split_count", Whole(2, 16)),
     key("densify.split_shrink", Real(1.0, 100.0)),
+    key("densify.split_opacity", RealAbove(0.0, 1.0)),
     key("densify.opacity_min", RealBelow(0.0, 1.0)),
     key("densify.opacity_reset_every", Whole(0, STEPS_MAX)),
     key("densify.opacity_reset_to", RealBelow(0.0, 1.0)),

@@ -159,6 +159,17 @@ pub enum Strategy {
     None,
 }
 
+/// What becomes of a Gaussian that grows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Growth {
+    /// A small one gets a copy, a large one is replaced by smaller ones that are drawn inside it.
+    #[default]
+    CloneOrSplit,
+    /// It is replaced by two that divide its longest axis.
+    Halves,
+}
+
 /// Learning rates of Adam, parameter units per step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -208,12 +219,18 @@ pub struct DensifyConfig {
     pub every: u64,
     /// Mean length of the screen gradient above which a Gaussian is cloned or split, NDC units.
     pub gradient_threshold: f64,
-    /// Largest standard deviation above which it is split and not cloned, as a fraction of the scene extent.
+    /// What becomes of it. Reports of versions before have no such key.
+    #[serde(default)]
+    pub growth: Growth,
+    /// With [`Growth::CloneOrSplit`]: largest standard deviation above which it is split, as a fraction of the scene extent.
     pub split_fraction: f64,
-    /// Number of Gaussians that replace a split one.
+    /// With [`Growth::CloneOrSplit`]: number of Gaussians that replace a split one.
     pub split_count: u32,
-    /// Divisor of the scales of a Gaussian when it is split.
+    /// Divisor of the scales of a Gaussian when it is split; with [`Growth::Halves`] of the longest alone.
     pub split_shrink: f64,
+    /// Opacity of those that replace it, times its own. Reports of versions before have no such key.
+    #[serde(default = "unchanged")]
+    pub split_opacity: f64,
     /// Opacity below which Gaussians are removed.
     pub opacity_min: f64,
     /// Steps between opacity resets; 0 = none. With [`Background::White`] there is one more, after `start` steps.
@@ -232,6 +249,11 @@ pub struct DensifyConfig {
     /// Largest standard deviation above which Gaussians are removed after the first reset, as a fraction of the scene
     /// extent; 0 = no limit.
     pub world_size_max: f64,
+}
+
+/// The factor 1.
+fn unchanged() -> f64 {
+    1.0
 }
 
 /// Settings of MCMC relocation, growth and noise.

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::config::TrainConfig;
+use crate::config::{Growth, TrainConfig};
 use crate::device_state::DeviceState;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::download_elements;
@@ -31,13 +31,14 @@ const LOWEST_DECAYED: f64 = 1e-4;
 #[derive(Clone, Debug)]
 pub(super) struct Limits {
     mark: densify_mark::Params,
+    /// What `densify_split` makes of a parent.
+    split: densify_split::Params,
     /// Upper bound of the number of expanded Gaussians.
     max_expanded: u32,
     /// Largest part of the instances that grow alone.
     pub(super) own_share: f32,
     /// What leaves a full cloud before it grows.
     recycling: Option<Recycling>,
-    seed: [u32; 2],
     done: u64,
 }
 
@@ -54,21 +55,35 @@ impl Limits {
         let limit = |value: f64| if large && value > 0.0 { value } else { f64::INFINITY };
         // Finite, as some drivers do not support infinities.
         let finite = |value: f64| value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32;
+        let halves = densify.growth == Growth::Halves;
+        let log_shrink = densify.split_shrink.ln() as f32;
+        // Halves are never cloned.
+        let split_above = if halves { 0.0 } else { densify.split_fraction * extent };
         Self {
             mark: densify_mark::Params {
                 count: 0,
-                split_count: densify.split_count,
+                split_count: if halves { 2 } else { densify.split_count },
+                halves: u32::from(halves),
                 gradient_threshold: densify.gradient_threshold as f32,
-                log_scale_split: finite((densify.split_fraction * extent).ln()),
-                log_shrink: densify.split_shrink.ln() as f32,
+                log_scale_split: finite(split_above.ln()),
+                log_shrink,
                 logit_min: logit(densify.opacity_min),
                 log_scale_max: finite((limit(densify.world_size_max) * extent).ln()),
                 radius_max_px: finite(limit(densify.screen_size_max_px)),
             },
+            split: densify_split::Params {
+                count: 0,
+                log_shrink,
+                seed: seed_words(config.seed),
+                time: done as u32,
+                halves: u32::from(halves),
+                // Then the two have the variance of the one along that axis.
+                distance: (1.0 - densify.split_shrink.powi(-2)).sqrt() as f32,
+                opacity: densify.split_opacity as f32,
+            },
             max_expanded: config.max_gaussians,
             own_share: config.joint.own_share as f32,
             recycling: Recycling::due(config, done),
-            seed: seed_words(config.seed),
             done,
         }
     }
@@ -319,13 +334,9 @@ fn split_children(tools: &mut Tools, state: &mut DeviceState, moves: &Moves, lim
         quats: &parameters.quats,
         means: &mut parameters.means,
         log_scales: &mut parameters.log_scales,
+        opacity_logits: &mut parameters.opacity_logits,
     };
-    let params = densify_split::Params {
-        count: moves.count,
-        log_shrink: limits.mark.log_shrink,
-        seed: limits.seed,
-        time: limits.done as u32,
-    };
+    let params = densify_split::Params { count: moves.count, ..limits.split };
     let grid = tools.threads(moves.count);
     tools.recorder.dispatch(&tools.pipelines.densify_split, grid, &params, bindings)?;
     tools.run()
