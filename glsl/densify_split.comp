@@ -29,7 +29,7 @@ layout(scalar, push_constant) uniform DensifySplitParams {
     uint time;         // steps done
     uint halves;       // 1 = children divide the longest axis, 0 = they are drawn at random
     float distance;    // with halves: of a child's centre from its parent's, standard deviations
-    float opacity;     // opacity of a child, times its parent's
+    float opacity;     // opacity of a child, times its parent's; at most 1
 };
 
 // exp of its negative is finite.

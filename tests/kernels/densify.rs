@@ -50,7 +50,11 @@ pub(crate) fn random_case(seed: u64, count: usize, sh_degree: u32) -> Case {
         let opacity = if rng.chance(0.85) { rng.range(0.01, 0.999) } else { rng.range(0.0005, 0.004) };
         cloud.means.push([(); 3].map(|()| rng.range(-2.0, 2.0) as f32));
         cloud.quats.push([(); 4].map(|()| rng.normal() as f32));
-        cloud.log_scales.push([largest, 0.5 * largest, 0.1 * largest].map(|s| s.ln() as f32));
+        // The longest axis is any; now and then another is as long, or nearly.
+        let second = if rng.chance(0.2) { largest } else { largest * rng.range(0.3, 0.999) };
+        let mut scales = [largest, second, 0.1 * largest];
+        rng.shuffle(&mut scales);
+        cloud.log_scales.push(scales.map(|s| s.ln() as f32));
         cloud.opacity_logits.push((opacity / (1.0 - opacity)).ln() as f32);
         cloud.sh.extend((0..sh_coefficients(sh_degree)).map(|_| [(); 3].map(|()| rng.normal() as f32)));
         // Far more apart than f32 rounds, except for runs of four that are equal. Views are powers of two.
@@ -86,7 +90,7 @@ fn poison(case: &mut Case, seed: u64) {
 pub(crate) fn config(sets: &[&str]) -> TrainConfig {
     let schedule = ["steps=1000", "densify.start=100", "densify.opacity_reset_every=300", "seed=123456789012"];
     // Off by default; the kernel can do it.
-    let more = ["densify.screen_size_max_px=20", "densify.growth=clone_or_split", "densify.split_opacity=1"];
+    let more = ["densify.screen_size_max_px=20", "densify.growth=clone_or_split"];
     let schedule = [&schedule[..], &more].concat();
     let builder = schedule.iter().chain(sets).try_fold(ConfigBuilder::new(), |builder, set| builder.set(set));
     builder.unwrap().finish().unwrap()
@@ -98,9 +102,9 @@ fn limits(config: &TrainConfig, done: u64) -> Limits {
         gradient_threshold: d.gradient_threshold,
         halves: d.growth == Growth::Halves,
         split_above: if d.growth == Growth::Halves { 0.0 } else { d.split_fraction * EXTENT },
-        split_count: d.split_count,
+        split_count: if d.growth == Growth::Halves { 2 } else { d.split_count },
         split_shrink: d.split_shrink,
-        split_opacity: d.split_opacity,
+        half_opacity: if d.growth == Growth::Halves { d.half_opacity } else { 1.0 },
         opacity_min: d.opacity_min,
         scale_max: if large { d.world_size_max * EXTENT } else { f64::INFINITY },
         radius_max_px: if large { d.screen_size_max_px } else { f64::INFINITY },
@@ -182,7 +186,7 @@ fn check(gpu: &Gpu, case: &Case, limits: &Limits, want: &Densified, got: &After)
     for (j, &(i, made)) in want.origins.iter().enumerate() {
         assert_eq!(bits(&[new.quats[j]]), bits(&[old.quats[i]]), "{j} from {i}, {made:?}");
         let error = (f64::from(new.opacity_logits[j]) - opacity_logit(old, (i, made), limits)).abs();
-        let is_child = matches!(made, Made::Child(_)) && limits.split_opacity < 1.0;
+        let is_child = matches!(made, Made::Child(_)) && limits.half_opacity < 1.0;
         assert!(error <= if is_child { 1e-5 } else { 0.0 }, "logit {j} from {i}, {made:?}: {error:.2e}");
         assert_eq!(bits(new.sh_of(j)), bits(old.sh_of(i)));
         let (mean, log_scales) = shape(old, (i, made), limits);
@@ -213,8 +217,8 @@ fn random_clouds_become_what_the_twin_says() {
     for (seed, (count, sh_degree)) in
         [(1, 0), (9, 1), (257, 2), (2048, 3), (5000, 1), (3001, 0)].into_iter().enumerate()
     {
-        let thirds = ["densify.split_count=3", "densify.split_shrink=2.5", "densify.split_opacity=0.7"];
-        let halves = ["densify.growth=halves", "densify.split_opacity=0.6"];
+        let thirds = ["densify.split_count=3", "densify.split_shrink=2.5"];
+        let halves = ["densify.growth=halves", "densify.half_opacity=0.6"];
         for (done, sets) in [(200, &[][..]), (400, &thirds), (200, &halves), (400, &halves)] {
             let (mut case, config) = (random_case(seed as u64, count, sh_degree), config(sets));
             if seed > 1 {
@@ -398,7 +402,7 @@ fn instances_grow_alone() {
     let Some(gpu) = gpu() else { return };
     let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
     let (mut grown, mut worst) = ([0; 3], 0.0f64);
-    let halves = ["densify.growth=halves", "densify.split_opacity=0.6"];
+    let halves = ["densify.growth=halves", "densify.half_opacity=0.6"];
     let cases =
         [(11, 0, 5000u32, &[][..]), (12, 2, 5000, &[]), (13, 3, 1800, &[]), (14, 1, 1, &[]), (15, 1, 5000, &halves)];
     for (seed, sh_degree, cap, sets) in cases {
@@ -479,6 +483,7 @@ fn instances_grow_alone() {
         let mut restored = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
         restore(&gpu, &mut restored, checkpoint.clone(), "test".as_ref()).unwrap();
         assert!(restored.download(&gpu).unwrap() == got && restored.layout == state.layout);
+        assert!(to_checkpoint(&gpu, &mut restored, 400, false).unwrap() == checkpoint);
     }
     println!("own copies, own children, grown in all: {grown:?}; own ones within {worst:.1e}");
     assert!(grown.iter().all(|&n| n > 50), "{grown:?}");

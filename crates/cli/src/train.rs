@@ -115,7 +115,7 @@ impl TrainArgs {
         let own = self.out.as_ref().map(|out| RunFolder::new(out).config()).filter(|own| self.resume && own.is_file());
         let mut builder = ConfigBuilder::new();
         if let Some(own) = own {
-            builder = builder.file(&own.display().to_string())?;
+            builder = builder.run_file(&own)?;
         }
         if let Some(file) = &self.config {
             builder = builder.file(file)?;

@@ -97,8 +97,10 @@ pub(crate) fn resolved(
 ) -> PyResult<RunConfig> {
     let own = RunFolder::new(out).config();
     let mut builder = ConfigBuilder::new();
-    let files = (resume && own.is_file()).then_some(own).into_iter().chain(config);
-    for file in files {
+    if resume && own.is_file() {
+        builder = builder.run_file(&own).or_raise()?;
+    }
+    if let Some(file) = config {
         builder = builder.file(&file.display().to_string()).or_raise()?;
     }
     for (key, value) in set.into_iter().flat_map(|set| set.iter()) {

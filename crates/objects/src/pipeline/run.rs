@@ -263,7 +263,7 @@ fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
     if !job.resume || !path.is_file() || !is_segmented(&job.folder()) {
         return Ok(());
     }
-    let earlier: RunConfig = ConfigBuilder::new().file(&path.display().to_string())?.finish()?;
+    let earlier: RunConfig = ConfigBuilder::new().run_file(&path)?.finish()?;
     let is_free = |key: &str| OF_JOINT_PHASE.iter().any(|free| key.starts_with(free));
     let changed = earlier.differences(&job.config)?.into_iter().find(|(key, ..)| !is_free(key));
     let Some((key, was, now)) = changed else { return Ok(()) };

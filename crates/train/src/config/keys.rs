@@ -95,7 +95,7 @@ pub const KEYS: [Key; 105] = [
     key("densify.split_fraction", RealAbove(0.0, RATE_MAX)),
     key("densify.split_count", Whole(2, 16)),
     key("densify.split_shrink", Real(1.0, 100.0)),
-    key("densify.split_opacity", RealAbove(0.0, 1.0)),
+    key("densify.half_opacity", Real(0.01, 1.0)),
     key("densify.opacity_min", RealBelow(0.0, 1.0)),
     key("densify.opacity_reset_every", Whole(0, STEPS_MAX)),
     key("densify.opacity_reset_to", RealBelow(0.0, 1.0)),

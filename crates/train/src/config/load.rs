@@ -50,6 +50,14 @@ pub trait Configuration: Sized {
     fn check(&self, shown: &dyn Fn(&str) -> String) -> Result<(), ConfigError>;
 }
 
+/// What runs did before there were keys for it.
+const OLDER_RUNS: &str = "
+[rates]
+decay_steps = 0
+[densify]
+growth = \"clone_or_split\"
+";
+
 /// Puts a configuration together; each layer overrides those before it. An error names the layer that caused it.
 ///
 /// ```
@@ -99,6 +107,15 @@ impl<C: Configuration> Layers<C> {
         let text = String::from_utf8(bytes)
             .map_err(|_| ConfigError::Syntax { origin: origin.clone(), what: "is not UTF-8 text".into() })?;
         self.text(&text, &origin)
+    }
+
+    /// Adds the configuration that a run has written, perhaps by a version before some of the keys: those it does not have keep
+    /// what such a run has done so far.
+    ///
+    /// # Errors
+    /// As [`Layers::file`].
+    pub fn run_file(self, path: &Path) -> Result<Self, ConfigError> {
+        self.text(OLDER_RUNS, "runs of older versions")?.file(&path.display().to_string())
     }
 
     /// Adds a layer of TOML text; `origin` names it in errors.

@@ -1,7 +1,7 @@
 //! Tests of the layers, the error messages and the built-in files.
 
 use super::*;
-use crate::config::{Background, ConfigBuilder, Init, Method, PRESETS, Strategy, TrainConfig};
+use crate::config::{Background, ConfigBuilder, Growth, Init, Method, PRESETS, Strategy, TrainConfig};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
@@ -22,9 +22,25 @@ fn defaults_are_those_of_3dgs() {
     assert_eq!((c.rates.sh_rest, c.rates.opacity, c.rates.eps), (1.25e-4, 0.025, 1e-15));
     assert_eq!((c.densify.start, c.densify.stop, c.densify.every), (500, 15_000, 100));
     assert_eq!((c.densify.gradient_threshold, c.densify.split_fraction), (2e-4, 0.01));
+    assert_eq!((c.densify.growth, c.densify.half_opacity), (Growth::Halves, 0.6));
     assert_eq!((c.densify.screen_size_max_px, c.densify.world_size_max), (0.0, 0.1));
     assert_eq!((c.mcmc.growth, c.mcmc.noise, c.mcmc.stop), (1.05, 5e5, 25_000));
     assert_eq!((c.densify.stop_fraction, c.mcmc.stop_fraction), (1.0, 1.0));
+}
+
+#[test]
+fn runs_of_older_versions_go_on_as_they_began() -> Test {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("config.toml");
+    std::fs::write(&path, "[rates]\nfinal_factor = 0.5\n")?;
+    let older = ConfigBuilder::new().run_file(&path)?;
+    let resumed = older.clone().finish()?;
+    assert_eq!((resumed.densify.growth, resumed.rates.decay_steps), (Growth::CloneOrSplit, 0));
+    assert_eq!(resumed.rates.final_factor, 0.5);
+    assert_eq!(older.set("densify.growth=halves")?.finish()?.densify.growth, Growth::Halves);
+    std::fs::write(&path, TrainConfig::default().to_toml()?)?;
+    assert_eq!(ConfigBuilder::new().run_file(&path)?.finish()?, TrainConfig::default());
+    Ok(())
 }
 
 #[test]

@@ -217,7 +217,7 @@ pub struct DensifyConfig {
     pub stop_fraction: f64,
     /// Number of steps from one densification to the next: it runs when the number of finished steps is a multiple.
     pub every: u64,
-    /// Mean length of the screen gradient above which a Gaussian is cloned or split, NDC units.
+    /// Mean length of the screen gradient above which a Gaussian grows, NDC units.
     pub gradient_threshold: f64,
     /// What becomes of it. Reports of versions before have no such key.
     #[serde(default)]
@@ -228,9 +228,9 @@ pub struct DensifyConfig {
     pub split_count: u32,
     /// Divisor of the scales of a Gaussian when it is split; with [`Growth::Halves`] of the longest alone.
     pub split_shrink: f64,
-    /// Opacity of those that replace it, times its own. Reports of versions before have no such key.
+    /// With [`Growth::Halves`]: opacity of a half, times its own. Reports of versions before have no such key.
     #[serde(default = "unchanged")]
-    pub split_opacity: f64,
+    pub half_opacity: f64,
     /// Opacity below which Gaussians are removed.
     pub opacity_min: f64,
     /// Steps between opacity resets; 0 = none. With [`Background::White`] there is one more, after `start` steps.
@@ -358,6 +358,13 @@ impl Configuration for TrainConfig {
             "densify.opacity_reset_to",
             "above",
             "densify.opacity_min",
+        )?;
+        // Halves that are as long as the whole would lie in one place.
+        require(
+            densify.growth != Growth::Halves || densify.split_shrink > 1.0,
+            "densify.split_shrink",
+            "above 1 with",
+            "densify.growth",
         )?;
         // What the loss would miss is judged by the gradients of opacities.
         for (rate, name) in [

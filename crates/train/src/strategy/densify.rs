@@ -79,7 +79,7 @@ impl Limits {
                 halves: u32::from(halves),
                 // Then the two have the variance of the one along that axis.
                 distance: (1.0 - densify.split_shrink.powi(-2)).sqrt() as f32,
-                opacity: densify.split_opacity as f32,
+                opacity: if halves { densify.half_opacity as f32 } else { 1.0 },
             },
             max_expanded: config.max_gaussians,
             own_share: config.joint.own_share as f32,

@@ -1,4 +1,4 @@
-//! Growth of single instances: a template's Gaussian whose gradient is large in a few of its instances gets a copy in these
+//! Growth of single instances: a template's Gaussian whose gradient is large in a few of its instances grows in these
 //! alone, as Gaussians of their own. A copy looks like what the instance has of the template, offsets and colours included.
 
 use instgs_vk::gpu::interface::constants::*;
