@@ -5,8 +5,8 @@
 //   parent's before.
 // - The position is `mean + R diag(scale) n` with standard normals n from a hash of (seed, steps done, old index,
 //   number of the child): see `instgs_reference::random`.
-// - With `halves`, children lie to both sides along the longest axis, which alone is divided by `shrink`: `distance` = sqrt(1
-//   - 1 / shrink^2) standard deviations away, the two together have the variance of the old one. Even ones lie ahead.
+// - With `halves`, children lie to both sides along the longest axis, which alone is divided: `distance` standard
+//   deviations away, where the two together have the variance of the old one along it. Even ones lie ahead.
 // - Grid: one thread per new Gaussian. Bytes: 4 read per Gaussian, 76 more per child.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.

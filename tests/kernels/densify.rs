@@ -102,9 +102,9 @@ fn limits(config: &TrainConfig, done: u64) -> Limits {
         gradient_threshold: d.gradient_threshold,
         halves: d.growth == Growth::Halves,
         split_above: if d.growth == Growth::Halves { 0.0 } else { d.split_fraction * EXTENT },
-        split_count: if d.growth == Growth::Halves { 2 } else { d.split_count },
+        split_count: d.children(),
         split_shrink: d.split_shrink,
-        half_opacity: if d.growth == Growth::Halves { d.half_opacity } else { 1.0 },
+        child_opacity: if d.growth == Growth::Halves { d.half_opacity } else { 1.0 },
         opacity_min: d.opacity_min,
         scale_max: if large { d.world_size_max * EXTENT } else { f64::INFINITY },
         radius_max_px: if large { d.screen_size_max_px } else { f64::INFINITY },
@@ -186,7 +186,7 @@ fn check(gpu: &Gpu, case: &Case, limits: &Limits, want: &Densified, got: &After)
     for (j, &(i, made)) in want.origins.iter().enumerate() {
         assert_eq!(bits(&[new.quats[j]]), bits(&[old.quats[i]]), "{j} from {i}, {made:?}");
         let error = (f64::from(new.opacity_logits[j]) - opacity_logit(old, (i, made), limits)).abs();
-        let is_child = matches!(made, Made::Child(_)) && limits.half_opacity < 1.0;
+        let is_child = matches!(made, Made::Child(_)) && limits.child_opacity < 1.0;
         assert!(error <= if is_child { 1e-5 } else { 0.0 }, "logit {j} from {i}, {made:?}: {error:.2e}");
         assert_eq!(bits(new.sh_of(j)), bits(old.sh_of(i)));
         let (mean, log_scales) = shape(old, (i, made), limits);

@@ -23,7 +23,7 @@ pub struct Limits {
     /// The children's scales are the parent's divided by this; with `halves` only the longest.
     pub split_shrink: f64,
     /// The children's opacities are the parent's times this.
-    pub half_opacity: f64,
+    pub child_opacity: f64,
     /// Gaussians of lower opacity are pruned.
     pub opacity_min: f64,
     /// Gaussians of a larger scale are pruned, scene units.
@@ -410,8 +410,8 @@ fn child_place(i: usize, k: u32, log_scales: DVec3, limits: &Limits) -> DVec3 {
 
 /// Opacity logit of a child of a Gaussian that has `logit`.
 fn child_logit(logit: f64, limits: &Limits) -> f64 {
-    let opacity = limits.half_opacity / (1.0 + (-logit).exp());
-    if limits.half_opacity < 1.0 { (opacity / (1.0 - opacity)).ln() } else { logit }
+    let opacity = limits.child_opacity / (1.0 + (-logit).exp());
+    if limits.child_opacity < 1.0 { (opacity / (1.0 - opacity)).ln() } else { logit }
 }
 
 /// Opacity logit of a new Gaussian.

@@ -332,7 +332,7 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
 
 /// The columns of a table that [`put_columns`] fills.
 struct Place {
-    /// Rows of the table.
+    /// Number of rows that the whole table has, which every column fills.
     rows: usize,
     /// Values in a row of the table.
     width: usize,

@@ -256,8 +256,8 @@ fn cloud_table(
 }
 
 /// An offset of a quaternion for a template that is normalised and has its axes in another order, and what it was multiplied by.
-/// All multiples of the sum of the two are the same rotation: the multiple is taken that has the template's w, so that the offset's
-/// w is 0.
+/// All multiples of the sum of the two are the same rotation. The multiple is taken that has the template's w: then the w of the
+/// offset is 0 and costs no bits.
 fn offset_of_quat(template: [f32; 4], offset: [f32; 4], order: &AxisOrder) -> ([f32; 4], f64) {
     /// Sums whose w is a smaller part of them keep their length, as the others would become too long.
     const LEAST_W: f64 = 0.25;

@@ -251,7 +251,15 @@ pub struct DensifyConfig {
     pub world_size_max: f64,
 }
 
-/// The factor 1.
+impl DensifyConfig {
+    /// Number of Gaussians that replace a split one: halves are two, whatever `split_count` is.
+    #[must_use]
+    pub fn children(&self) -> u32 {
+        if self.growth == Growth::Halves { 2 } else { self.split_count }
+    }
+}
+
+/// Opacity of a half beside that of the whole in reports without the key: there were no halves, and nothing lost opacity.
 fn unchanged() -> f64 {
     1.0
 }

@@ -62,7 +62,7 @@ impl Limits {
         Self {
             mark: densify_mark::Params {
                 count: 0,
-                split_count: if halves { 2 } else { densify.split_count },
+                split_count: densify.children(),
                 halves: u32::from(halves),
                 gradient_threshold: densify.gradient_threshold as f32,
                 log_scale_split: finite(split_above.ln()),

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::{RenderError, TrainFrame};
 
-use super::config::{self, Growth, TrainConfig};
+use super::config::{self, TrainConfig};
 use super::device_state::{DeviceState, most_in_training};
 use tools::Tools;
 
@@ -85,8 +85,7 @@ impl Strategy {
         let mut outcome = self.change(state, &limited, done, extent)?;
         if let Some(outcome) = &mut outcome {
             // A split Gaussian is replaced by its children in the room that is left, or stays as it is.
-            let children = if config.densify.growth == Growth::Halves { 2 } else { config.densify.split_count };
-            let room = children.saturating_sub(2);
+            let room = config.densify.children().saturating_sub(2);
             let expanded = state.layout.expanded_len().saturating_add(u64::from(room));
             outcome.device_full = most < config.max_gaussians && expanded >= u64::from(most);
         }
