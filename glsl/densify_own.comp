@@ -6,7 +6,7 @@
 //   the colour matrix; updates all parameters of the new Gaussians, which hold those of the template before.
 // - Grid: one thread per old Gaussian of the template. Bytes: 4 read each, and all parameters of each new Gaussian.
 //
-// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify_own.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -9,7 +9,7 @@
 // - Gaussians with a single instance need no decision: they grow as they are.
 // - Grid: one work-group per chunk. Bytes per Gaussian: 8 per instance read, 8 written, 4 more per instance that needs growth.
 //
-// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify_own.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -4,7 +4,7 @@
 // - Reads, per chunk of source Gaussians, its template's instances, and `growths` of its Gaussians; updates `needs`.
 // - Grid: one work-group per chunk. Bytes per Gaussian: 4 read, 4 per instance written where there is no growth.
 //
-// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify_own.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -6,7 +6,7 @@
 //   Gaussian is made as a child with the number of the instance, so that each instance draws another place.
 // - Grid: one thread per old Gaussian of the template. Bytes: 4 read each, 16 more per new one.
 //
-// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify_own.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "strategy.glsl"

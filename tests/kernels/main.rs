@@ -11,6 +11,7 @@ mod ahead;
 mod backward;
 mod cull_chunks;
 mod densify;
+mod densify_own;
 mod embedding;
 mod exposure;
 mod forward;
