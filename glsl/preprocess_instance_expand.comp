@@ -13,6 +13,9 @@
 //
 // With LAYERED only splats of the layer survive, and of these only open tiles count (`layers.glsl`).
 //
+// With WINDOWED the source arrays are larger than a binding: a dispatch sees a window of them and leaves out the work items
+// of other windows (`source_window.glsl`).
+//
 // Offsets of SH bands above 0 and of shape exist for ablations; kernels for scenes without them omit the code.
 //
 // - Reads `work_items` (by work item), `instances` (by instance), source arrays `means` .. `sh0` (by `first_source` +
@@ -38,6 +41,7 @@
 #include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
+#include "source_window.glsl"
 #include "lod.glsl"
 #include "splat.glsl"
 #include "rotation.glsl"
@@ -70,6 +74,7 @@ layout(scalar, binding = 22) readonly buffer ClosedRuns { uint closed_runs[]; };
 layout(scalar, push_constant) uniform ExpandParams {
     View view;             // the camera
     float lod_error_px;    // largest cell of a level of detail that is shown, pixels; 0 = everything at full detail
+    SourceWindow window;   // WINDOWED: the source Gaussians that it sees
 };
 
 #include "layers.glsl"

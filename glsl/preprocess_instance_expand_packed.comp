@@ -15,6 +15,7 @@
 #include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
+#include "source_window.glsl"
 #include "lod.glsl"
 #include "splat.glsl"
 #include "rotation.glsl"
@@ -46,6 +47,7 @@ layout(scalar, binding = 21) readonly buffer ClosedRuns { uint closed_runs[]; };
 layout(scalar, push_constant) uniform ExpandParams {
     View view;             // the camera
     float lod_error_px;    // largest cell of a level of detail that is shown, pixels; 0 = everything at full detail
+    SourceWindow window;   // WINDOWED: the source Gaussians that it sees
 };
 
 #include "layers.glsl"

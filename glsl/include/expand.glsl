@@ -99,6 +99,12 @@ void main() {
     w = in_range ? w : 0;
     Instance instance = instances[work_items[w].instance];
     uint chunk_first = work_items[w].chunk * WORKGROUP_SIZE;
+    // The work items of other windows are left to their dispatches.
+    in_range = in_range && in_window(window, instance.first_source + chunk_first);
+    if (WINDOWED != 0) {
+        instance.first_source -= window.first;
+        instance.first_in_band -= window.first_in_band;
+    }
     uint local = chunk_first + lane;
     Projection p;
     p.visible = false;

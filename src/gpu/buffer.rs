@@ -44,6 +44,11 @@ impl BufferMemory {
         &self.name
     }
 
+    /// Size of the elements, without padding.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
     pub(crate) fn is_of(&self, gpu: &Arc<Gpu>) -> bool {
         Arc::ptr_eq(&self.gpu, gpu)
     }
@@ -85,6 +90,17 @@ impl Drop for BufferMemory {
     }
 }
 
+/// A run of bytes of a buffer, which a dispatch binds instead of the whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BufferPart {
+    pub(super) buffer: vk::Buffer,
+    pub(super) offset: u64,
+    pub(super) bytes: u64,
+}
+
+/// Parts begin at multiples of this: the largest `minStorageBufferOffsetAlignment` that Vulkan allows.
+pub const PART_ALIGNMENT: u64 = 256;
+
 /// Kernels access four elements at a time, even beyond the last one: 16 bytes of f32, or 32 of Adam's pairs of moments.
 fn padded_bytes(bytes: u64) -> u64 {
     bytes.next_multiple_of(32)
@@ -99,6 +115,14 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         Self::with_location(gpu, name, len, MemoryLocation::GpuOnly)
     }
 
+    /// The same as [`Buffer::new`], but it may be larger than a binding: then dispatches bind parts of it.
+    ///
+    /// # Errors
+    /// The buffer is larger than the device allows, or memory is exhausted; the error names the buffer.
+    pub fn in_parts(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
+        Self::within(gpu, name, len, MemoryLocation::GpuOnly, gpu.caps().max_buffer_bytes)
+    }
+
     /// A host-visible buffer that the host writes and the device reads.
     pub fn for_upload(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
         Self::with_location(gpu, name, len, MemoryLocation::CpuToGpu)
@@ -110,8 +134,12 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     }
 
     fn with_location(gpu: &Arc<Gpu>, name: &str, len: usize, location: MemoryLocation) -> Result<Self, GpuError> {
+        Self::within(gpu, name, len, location, gpu.caps().max_storage_bytes)
+    }
+
+    /// A buffer of at most `limit` bytes.
+    fn within(gpu: &Arc<Gpu>, name: &str, len: usize, location: MemoryLocation, limit: u64) -> Result<Self, GpuError> {
         let bytes = (len.max(1) as u64).saturating_mul(size_of::<T>() as u64);
-        let limit = gpu.caps().max_storage_bytes;
         if bytes > limit {
             return Err(GpuError::BufferTooLarge { name: name.into(), bytes, limit });
         }
@@ -139,6 +167,18 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         bound.map_err(GpuError::vulkan(name))?;
         gpu.set_name(handle, name);
         Ok(Self { inner: Arc::new(memory), marker: PhantomData })
+    }
+
+    /// The part from byte `first`, a multiple of [`PART_ALIGNMENT`], up to byte `end` or the end of the buffer. If that is
+    /// empty, it is the beginning of the buffer: a binding cannot be empty.
+    ///
+    /// # Panics
+    /// If `first` is not such a multiple.
+    pub fn part(&self, first: u64, end: u64) -> BufferPart {
+        assert!(first.is_multiple_of(PART_ALIGNMENT), "{}: a part from byte {first}", self.name());
+        let end = end.next_multiple_of(4).min(self.padded_bytes());
+        let (offset, bytes) = if first < end { (first, end - first) } else { (0, self.padded_bytes().min(32)) };
+        BufferPart { buffer: self.handle(), offset, bytes }
     }
 
     /// Bytes that kernels may touch: the elements and their padding.

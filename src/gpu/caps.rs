@@ -33,6 +33,8 @@ pub struct DeviceCaps {
     pub shared_memory_bytes: u32,
     /// Largest storage-buffer binding, bytes; a multiple of 32.
     pub max_storage_bytes: u64,
+    /// Largest buffer, bytes. Kernels see one that is larger than a binding in parts (`BufferPart`).
+    pub max_buffer_bytes: u64,
     /// Largest work-group count along one dimension.
     pub max_workgroup_count: u32,
     /// Largest number of storage buffers that one kernel may use.
@@ -92,6 +94,8 @@ impl DeviceCaps {
             shared_memory_bytes: core.limits.max_compute_shared_memory_size,
             // Buffers are padded to multiples of 32 bytes and bound as a whole.
             max_storage_bytes: u64::from(core.limits.max_storage_buffer_range) / 32 * 32,
+            // Both are at least 1 GiB.
+            max_buffer_bytes: v13.max_buffer_size.min(v11.max_memory_allocation_size),
             max_workgroup_count: core.limits.max_compute_work_group_count[0]
                 .min(core.limits.max_compute_work_group_count[1]),
             max_storage_buffers: core.limits.max_per_stage_descriptor_storage_buffers,

@@ -32,7 +32,7 @@ mod tuning;
 pub mod validation;
 
 pub use ash::vk;
-pub use buffer::Buffer;
+pub use buffer::{Buffer, BufferPart, PART_ALIGNMENT};
 pub use caps::DeviceCaps;
 pub use context::{DeviceChoice, Gpu, GpuOptions, QueueLock};
 pub use device::{RawDevice, RequiredFeatures};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::barrier::{Access, Barrier, HazardTracker};
-use super::buffer::{Buffer, BufferMemory};
+use super::buffer::{Buffer, BufferMemory, BufferPart};
 use super::context::Gpu;
 use super::descriptors::DescriptorSets;
 use super::error::GpuError;
@@ -37,6 +37,16 @@ impl Grid {
     pub fn threads(threads: u32, size: u32) -> Self {
         Self::groups(threads.div_ceil(size))
     }
+}
+
+/// The buffers of a dispatch.
+struct Buffers<'a, 'b, K: Kernel> {
+    /// By the names that the kernel has for them.
+    bindings: &'a K::Bindings<'b>,
+    /// What is bound of those of which not all is.
+    parts: &'a [BufferPart],
+    /// The buffer of the work-group counts, if the host does not know them.
+    indirect: Option<&'a Arc<BufferMemory>>,
 }
 
 /// Passes that the crash marker can name; later ones share the last slot's name.
@@ -222,12 +232,28 @@ impl Recorder {
         params: &K::Params,
         bindings: K::Bindings<'_>,
     ) -> Result<(), GpuError> {
+        self.dispatch_parts(pipeline, grid, params, bindings, &[])
+    }
+
+    /// The same as [`Recorder::dispatch`], but of the buffers in `parts` it binds these parts alone.
+    ///
+    /// # Errors
+    /// The same errors as [`Recorder::dispatch`].
+    pub fn dispatch_parts<K: Kernel>(
+        &mut self,
+        pipeline: &Pipeline<K>,
+        grid: Grid,
+        params: &K::Params,
+        bindings: K::Bindings<'_>,
+        parts: &[BufferPart],
+    ) -> Result<(), GpuError> {
         let most = self.gpu.caps().max_workgroup_count;
         if grid.x > most || grid.y > most {
             let reason = format!("{} by {} work-groups; the device takes {most} along each", grid.x, grid.y);
             return Err(self.refuse(K::SHADER.name, &reason));
         }
-        self.run::<K>(pipeline, params, &bindings, None, |device, commands| {
+        let buffers = Buffers::<K> { bindings: &bindings, parts, indirect: None };
+        self.run(pipeline, params, buffers, |device, commands| {
             // SAFETY: the pipeline, its sets and push constants are bound by `run`; the grid is within the device's limits.
             unsafe { device.cmd_dispatch(commands, grid.x, grid.y, 1) };
         })
@@ -248,9 +274,29 @@ impl Recorder {
         params: &K::Params,
         bindings: K::Bindings<'_>,
     ) -> Result<(), GpuError> {
+        self.dispatch_indirect_parts(pipeline, args, index, params, bindings, &[])
+    }
+
+    /// The same as [`Recorder::dispatch_indirect`], but of the buffers in `parts` it binds these parts alone.
+    ///
+    /// # Errors
+    /// The same errors as [`Recorder::dispatch_indirect`].
+    ///
+    /// # Panics
+    /// If `args` has no such element.
+    pub fn dispatch_indirect_parts<K: Kernel, A: bytemuck::NoUninit>(
+        &mut self,
+        pipeline: &Pipeline<K>,
+        args: &Buffer<A>,
+        index: usize,
+        params: &K::Params,
+        bindings: K::Bindings<'_>,
+        parts: &[BufferPart],
+    ) -> Result<(), GpuError> {
         const { assert!(size_of::<A>() == 12, "indirect arguments are three u32") };
         assert!(index < args.len(), "{}: no indirect arguments {index}", args.name());
-        self.run::<K>(pipeline, params, &bindings, Some(args.inner()), |device, commands| {
+        let buffers = Buffers::<K> { bindings: &bindings, parts, indirect: Some(args.inner()) };
+        self.run(pipeline, params, buffers, |device, commands| {
             // SAFETY: as in `dispatch`; the offset lies in the buffer, which `run` keeps, and is a multiple of 4.
             unsafe { device.cmd_dispatch_indirect(commands, args.handle(), 12 * index as u64) };
         })
@@ -260,8 +306,7 @@ impl Recorder {
         &mut self,
         pipeline: &Pipeline<K>,
         params: &K::Params,
-        bindings: &K::Bindings<'_>,
-        indirect: Option<&Arc<BufferMemory>>,
+        buffers: Buffers<'_, '_, K>,
         dispatch: impl FnOnce(&ash::Device, vk::CommandBuffer),
     ) -> Result<(), GpuError> {
         let name = K::SHADER.name;
@@ -269,16 +314,25 @@ impl Recorder {
             return Err(self.refuse(name, "the pipeline is of another device"));
         }
         self.begin()?;
+        let Buffers { bindings, parts, indirect } = buffers;
+        let most_bytes = self.gpu.caps().max_storage_bytes;
         let mut bound = [(0, vk::DescriptorBufferInfo::default()); MOST_BINDINGS];
         let (mut count, mut kept) = (0, Ok(()));
         self.accesses.clear();
         bindings.visit(&mut |b| {
             let handle = b.buffer.handle();
             self.accesses.push((handle, if b.writable { Access::SHADER_WRITE } else { Access::SHADER_READ }));
-            bound[count] = (b.binding, vk::DescriptorBufferInfo::default().buffer(handle).range(vk::WHOLE_SIZE));
+            let part = parts.iter().find(|part| part.buffer == handle);
+            let (offset, range) = part.map_or((0, vk::WHOLE_SIZE), |part| (part.offset, part.bytes));
+            bound[count] = (b.binding, vk::DescriptorBufferInfo { buffer: handle, offset, range });
             count += 1;
             if kept.is_ok() {
                 kept = self.keep(b.buffer, name);
+            }
+            let bytes = part.map_or(b.buffer.bytes(), |part| part.bytes);
+            if bytes > most_bytes && kept.is_ok() {
+                let reason = format!("{bytes} bytes of buffer {}; a binding has at most {most_bytes}", b.buffer.name());
+                kept = Err(self.refuse(name, &reason));
             }
         });
         kept?;

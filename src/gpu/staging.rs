@@ -7,9 +7,25 @@ use super::context::Gpu;
 use super::error::GpuError;
 use super::recorder::Recorder;
 
+/// Most bytes that are copied at once: more staging memory would not make the copies faster.
+const STAGING_BYTES: usize = 32 << 20;
+
+/// Number of elements of a staging buffer for `len` of them.
+fn staged<T>(gpu: &Gpu, len: usize) -> usize {
+    let bytes = STAGING_BYTES.min(usize::try_from(gpu.caps().max_storage_bytes).unwrap_or(usize::MAX));
+    len.min((bytes / size_of::<T>()).max(1))
+}
+
 /// A device buffer with the given contents.
 pub fn upload<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, name: &str, data: &[T]) -> Result<Buffer<T>, GpuError> {
     let mut buffer = Buffer::new(gpu, name, data.len())?;
+    write(gpu, &mut buffer, data)?;
+    Ok(buffer)
+}
+
+/// The same as [`upload`], into a buffer that dispatches may bind in parts ([`Buffer::in_parts`]).
+pub fn upload_in_parts<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, name: &str, data: &[T]) -> Result<Buffer<T>, GpuError> {
+    let mut buffer = Buffer::in_parts(gpu, name, data.len())?;
     write(gpu, &mut buffer, data)?;
     Ok(buffer)
 }
@@ -23,12 +39,16 @@ pub fn write<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, buffer: &mut Buffer<T>, data
     if data.is_empty() {
         return Ok(());
     }
-    let mut staging = Buffer::<T>::for_upload(gpu, "staging", data.len())?;
-    staging.write_mapped(data)?;
+    let at_once = staged::<T>(gpu, data.len());
+    let mut staging = Buffer::<T>::for_upload(gpu, "staging", at_once)?;
     let mut recorder = Recorder::new(gpu)?;
-    recorder.copy(&staging, buffer, size_of_val(data) as u64)?;
-    let ticket = recorder.submit()?;
-    recorder.wait(ticket)
+    for (k, part) in data.chunks(at_once).enumerate() {
+        staging.write_mapped(part)?;
+        recorder.copy_to(&staging, part.len(), buffer, k * at_once)?;
+        let ticket = recorder.submit()?;
+        recorder.wait(ticket)?;
+    }
+    Ok(())
 }
 
 /// The first `len` elements of a device buffer, or all if it has fewer. Waits for everything submitted before.
@@ -51,10 +71,16 @@ pub fn download_from<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     if len == 0 {
         return Ok(Vec::new());
     }
-    let mut readback = Buffer::<T>::for_readback(gpu, "readback", len)?;
+    let at_once = staged::<T>(gpu, len);
+    let mut readback = Buffer::<T>::for_readback(gpu, "readback", at_once)?;
     let mut recorder = Recorder::new(gpu)?;
-    recorder.copy_from(buffer, first, &mut readback)?;
-    read_mapped(recorder, &readback)
+    let mut out = Vec::with_capacity(len);
+    while out.len() < len {
+        let count = at_once.min(len - out.len());
+        recorder.copy_from(buffer, first + out.len(), &mut readback, count)?;
+        append_mapped(&mut recorder, &readback, count, &mut out)?;
+    }
+    Ok(out)
 }
 
 /// Single elements of a device buffer, by index. Waits for everything submitted before.
@@ -72,16 +98,21 @@ pub fn download_elements<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     let mut readback = Buffer::<T>::for_readback(gpu, "readback", indices.len())?;
     let mut recorder = Recorder::new(gpu)?;
     recorder.copy_elements(buffer, indices, &mut readback)?;
-    read_mapped(recorder, &readback)
+    let mut out = Vec::with_capacity(indices.len());
+    append_mapped(&mut recorder, &readback, indices.len(), &mut out)?;
+    Ok(out)
 }
 
-/// The contents of a host-visible buffer after the recording has run.
-fn read_mapped<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
-    mut recorder: Recorder,
+/// Appends the first `count` elements of a host-visible buffer after the recording has run.
+fn append_mapped<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+    recorder: &mut Recorder,
     readback: &Buffer<T>,
-) -> Result<Vec<T>, GpuError> {
+    count: usize,
+    out: &mut Vec<T>,
+) -> Result<(), GpuError> {
     let ticket = recorder.submit()?;
     recorder.wait(ticket)?;
     let mapped = readback.mapped().ok_or_else(|| GpuError::not_mapped("readback"))?;
-    Ok(mapped.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
+    out.extend(mapped.chunks_exact(size_of::<T>()).take(count).map(bytemuck::pod_read_unaligned::<T>));
+    Ok(())
 }

@@ -40,19 +40,40 @@ impl Recorder {
         self.copy_regions(source, target, &[vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }])
     }
 
-    /// Fills the target with the elements of the source from element `first` on.
+    /// Copies `count` elements of the source, from element `first` on, to the start of the target.
     ///
     /// # Panics
-    /// If the source has too few elements.
+    /// If either buffer has too few elements.
     pub fn copy_from<T: bytemuck::NoUninit>(
         &mut self,
         source: &Buffer<T>,
         first: usize,
         target: &mut Buffer<T>,
+        count: usize,
     ) -> Result<(), GpuError> {
-        let (offset, bytes) = ((first * size_of::<T>()) as u64, target.bytes());
-        assert!(offset + bytes <= source.bytes(), "{}: {bytes} bytes from element {first}", source.name());
-        self.copy_regions(source, target, &[vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }])
+        let fits = first + count <= source.len() && count <= target.len();
+        assert!(fits, "{}: {count} elements from element {first}", source.name());
+        let size = size_of::<T>();
+        let (src_offset, bytes) = ((first * size) as u64, (count * size) as u64);
+        self.copy_regions(source, target, &[vk::BufferCopy { src_offset, dst_offset: 0, size: bytes }])
+    }
+
+    /// Copies the first `count` elements of the source to the target, from its element `first` on.
+    ///
+    /// # Panics
+    /// If either buffer has too few elements.
+    pub fn copy_to<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+        count: usize,
+        target: &mut Buffer<T>,
+        first: usize,
+    ) -> Result<(), GpuError> {
+        let fits = first + count <= target.len() && count <= source.len();
+        assert!(fits, "{}: {count} elements to element {first}", target.name());
+        let size = size_of::<T>();
+        let (dst_offset, bytes) = ((first * size) as u64, (count * size) as u64);
+        self.copy_regions(source, target, &[vk::BufferCopy { src_offset: 0, dst_offset, size: bytes }])
     }
 
     /// Copies single elements of the source, by index, to the start of the target.

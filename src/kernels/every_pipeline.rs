@@ -63,6 +63,7 @@ fn everything(sh_degree: u32) -> SceneTraits {
         color_matrices: true,
         own_may_grow: true,
         levels: true,
+        windowed: true,
         precision: DevicePrecision::F32,
     }
 }

@@ -265,7 +265,8 @@ impl Pipelines {
         let colors = traits.color_matrices_constant();
         let training = ("TRAINING", u32::from(purpose == Purpose::Training));
         let layered = ("LAYERED", u32::from(purpose == Purpose::Layered));
-        let mut expand = [&[tile, levels, layered, colors][..], &traits.constants()].concat();
+        let mut expand =
+            [&[tile, levels, layered, colors, traits.windowed_constant()][..], &traits.constants()].concat();
         Ok(Self {
             variant,
             traits,

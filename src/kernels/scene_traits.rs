@@ -19,6 +19,8 @@ pub struct SceneTraits {
     pub own_may_grow: bool,
     /// True if the scene has levels of detail.
     pub levels: bool,
+    /// True if arrays of source Gaussians are larger than a binding, so that kernels see them in windows.
+    pub windowed: bool,
     /// How the device holds the scene.
     pub precision: DevicePrecision,
 }
@@ -37,6 +39,11 @@ impl SceneTraits {
             ("OFFSET_LOG_SCALES", u32::from(self.offset_log_scales)),
             ("OFFSET_QUATS", u32::from(self.offset_quats)),
         ]
+    }
+
+    /// The spec constant of kernels that see windows of the source Gaussians.
+    pub(super) fn windowed_constant(&self) -> (&'static str, u32) {
+        ("WINDOWED", u32::from(self.windowed))
     }
 
     /// The spec constant of kernels that colour instances.

@@ -229,6 +229,7 @@ mod tests {
             max_workgroup_invocations: 1024,
             shared_memory_bytes: 32 << 10,
             max_storage_bytes: 1 << 32,
+            max_buffer_bytes: 1 << 40,
             max_workgroup_count: 65535,
             max_storage_buffers: 64,
             timestamp_period_ns: 1.0,

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use crate::gpu::interface::types;
 use crate::gpu::staging::{download, upload};
-use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
+use crate::gpu::{Buffer, BufferPart, Gpu, GpuError, Recorder};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::Levels;
@@ -27,6 +27,7 @@ use super::packed_buffers::{PackedBuffers, planned_packed_bytes, stays_f32};
 use super::packed_scene::PackedScene;
 use super::parameter_buffers::{ParameterBuffers, planned_parameter_bytes};
 use super::scene_tables::{Tables, build_tables, scale_bound, unbounded_tables};
+use super::source_windows::{SourceWindow, SourceWindows};
 
 /// Numbers of Gaussians, SH degrees and offset records of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +67,8 @@ pub struct DeviceScene {
     pub chunk_pairs: u64,
     /// Gaussians after expanding all instances.
     pub expanded_len: u64,
+    /// Where arrays of source Gaussians are larger than a binding, the windows in which kernels see them; else one.
+    pub windows: SourceWindows,
     /// The scene's own pixel filter.
     pub pixel_filter: PixelFilter,
     /// Numbers of Gaussians and offsets, levels of detail included.
@@ -102,7 +105,7 @@ impl DeviceScene {
         precision: DevicePrecision,
     ) -> Result<Self, RenderError> {
         scene.validate()?;
-        check_limit(gpu, scene.source_len(), scene.sh_degree(), precision)?;
+        check_limit(scene.source_len())?;
         let packed = match precision {
             DevicePrecision::F32 => PackedScene::default(),
             _ => PackedScene::new(scene, &scene.offset_runs(), precision)?,
@@ -124,7 +127,7 @@ impl DeviceScene {
     /// The same errors as [`DeviceScene::new`].
     pub fn unbounded(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         scene.validate()?;
-        check_limit(gpu, scene.source_len(), scene.sh_degree(), DevicePrecision::F32)?;
+        check_limit(scene.source_len())?;
         let mut tables = build_tables(scene, chunk_size)?;
         tables.widen();
         let content = Content { scene, packed: &PackedScene::default(), precision: DevicePrecision::F32 };
@@ -146,7 +149,7 @@ impl DeviceScene {
         scene.validate()?;
         let mut levels = Levels::of(scene);
         let sources = levels.templates.len() + levels.own.len() + levels.background.len();
-        check_limit(gpu, sources, scene.sh_degree(), precision)?;
+        check_limit(sources)?;
         let mut pool = InstancedScene { pixel_filter: scene.pixel_filter, ..InstancedScene::default() };
         levels.swap_pool(&mut pool);
         let mut packed = PackedScene::default();
@@ -175,7 +178,9 @@ impl DeviceScene {
         let rows = scene.parameter_rows();
         let is_f32 = |parameter| precision == DevicePrecision::F32 || stays_f32(parameter);
         let rows_in_f32 = ParameterSet::from_fn(|p| if is_f32(p) { rows[p] } else { [0, 0] });
+        let windows = windows_of(gpu, &rows, sh_degree, precision, chunk_size)?;
         Ok(Self {
+            windows,
             own_may_grow: false,
             first_rows: layout.first_rows(),
             instances: upload(gpu, "instances", &tables.instances)?,
@@ -208,7 +213,9 @@ impl DeviceScene {
     /// # Errors
     /// More Gaussians than the device can hold.
     pub fn relayout(&mut self, gpu: &Arc<Gpu>, layout: &SourceLayout) -> Result<(), RenderError> {
-        check_limit(gpu, layout.source_count(), self.sh_degree, self.precision)?;
+        check_limit(layout.source_count())?;
+        let rows = parameter_rows(layout, &self.counts.rows);
+        self.windows = windows_of(gpu, &rows, self.sh_degree, self.precision, self.chunk_size)?;
         let before = download(gpu, &self.instances, self.posed_rows() as usize)?;
         let mut tables = unbounded_tables(layout, self.has(Parameter::ColorFromTemplate), self.chunk_size)?;
         let first_rows = layout.first_rows();
@@ -224,7 +231,7 @@ impl DeviceScene {
         self.expanded_len = tables.flat;
         self.counts.templates = layout.templates.len;
         self.counts.background = layout.background.len;
-        self.counts.rows = parameter_rows(layout, &self.counts.rows);
+        self.counts.rows = rows;
         Ok(())
     }
 
@@ -312,6 +319,7 @@ impl DeviceScene {
             color_matrices: self.has(Parameter::ColorFromTemplate),
             own_may_grow: self.own_may_grow,
             levels: self.has_levels(),
+            windowed: self.windows.are_several(),
             precision: self.precision,
         }
     }
@@ -339,6 +347,14 @@ impl DeviceScene {
     /// True if the scene has levels of detail.
     pub fn has_levels(&self) -> bool {
         self.coarser.is_some()
+    }
+
+    /// What dispatches bind of the arrays of source Gaussians for one of the scene's windows; nothing if that is all of them.
+    pub(super) fn parts(&self, window: &SourceWindow) -> Vec<BufferPart> {
+        if !self.windows.are_several() {
+            return Vec::new();
+        }
+        [self.parameters.parts(window), self.packed.parts(window)].concat()
     }
 
     /// Size of all buffers, bytes.
@@ -412,14 +428,30 @@ fn parameter_rows(layout: &SourceLayout, before: &ParameterSet<Rows>) -> Paramet
     })
 }
 
-/// Checks the number of Gaussians before anything is built: the largest array has a quaternion (16 bytes), or a mean (12) of
-/// a packed scene, or the highest SH band (2 l + 1 colours of 12 or 6 bytes) per Gaussian.
-fn check_limit(gpu: &Gpu, count: usize, sh_degree: u32, precision: DevicePrecision) -> Result<(), RenderError> {
-    let [others, color] = if precision == DevicePrecision::F32 { [16, 12] } else { [12, 6] };
-    let largest = u64::from(others.max(color * (2 * sh_degree + 1)));
-    let limit = u64::from(u32::MAX - 1).min(gpu.caps().max_storage_bytes / largest);
-    if count as u64 > limit {
-        return Err(RenderError::TooMany { what: "source Gaussians", needed: count as u64, limit });
+/// Checks the number of Gaussians before anything is built.
+fn check_limit(count: usize) -> Result<(), RenderError> {
+    let limit = u64::from(u32::MAX - 1);
+    match count as u64 {
+        needed if needed > limit => Err(RenderError::TooMany { what: "source Gaussians", needed, limit }),
+        _ => Ok(()),
     }
-    Ok(())
+}
+
+/// The windows of a scene with so many rows. The widest rows are a quaternion (16 bytes), or a mean (12) of a packed scene, or
+/// the highest SH band (2 l + 1 colours of 12 or 6 bytes).
+fn windows_of(
+    gpu: &Gpu,
+    rows: &ParameterSet<Rows>,
+    sh_degree: u32,
+    precision: DevicePrecision,
+    chunk_size: u32,
+) -> Result<SourceWindows, RenderError> {
+    let [others, color] = if precision == DevicePrecision::F32 { [16, 12] } else { [12, 6] };
+    let row_bytes = u64::from(others.max(color * (2 * sh_degree + 1)));
+    let binding_bytes = gpu.caps().max_storage_bytes;
+    SourceWindows::new(rows, row_bytes, binding_bytes, chunk_size).ok_or_else(|| RenderError::TooMany {
+        what: "source Gaussians",
+        needed: rows[Parameter::Means].iter().sum::<usize>() as u64,
+        limit: binding_bytes / row_bytes,
+    })
 }

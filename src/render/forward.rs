@@ -12,6 +12,7 @@ use super::layers::record_layer_plan;
 use super::plan::radix_passes;
 use super::scan::{Blocks, ScanInput, plain, record_scan};
 use super::sort::{Sort, record_sort};
+use super::source_windows::SourceWindow;
 
 /// Inputs of the passes of a frame besides buffers.
 pub struct ForwardInputs<'a> {
@@ -186,9 +187,11 @@ fn record_expansion(
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
     let p = inputs.pipelines;
-    match &p.expand {
-        ExpandPipeline::Full(pipeline) => record_full_expansion(recorder, pipeline, inputs, frame)?,
-        ExpandPipeline::Packed(pipeline) => record_packed_expansion(recorder, pipeline, inputs, frame)?,
+    for window in inputs.scene.windows.iter() {
+        match &p.expand {
+            ExpandPipeline::Full(pipeline) => record_full_expansion(recorder, pipeline, inputs, &window, frame)?,
+            ExpandPipeline::Packed(pipeline) => record_packed_expansion(recorder, pipeline, inputs, &window, frame)?,
+        }
     }
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
 
@@ -218,11 +221,12 @@ fn record_expansion(
     recorder.dispatch_indirect(&p.compact_visible, &frame.scratch.args, per_item, &(), bindings)
 }
 
-/// The expansion of a scene in f32.
+/// The expansion of a window of a scene in f32.
 fn record_full_expansion(
     recorder: &mut Recorder,
     pipeline: &Pipeline<preprocess_instance_expand::PreprocessInstanceExpand>,
     inputs: &ForwardInputs<'_>,
+    window: &SourceWindow,
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
     let scene = inputs.scene;
@@ -252,16 +256,22 @@ fn record_full_expansion(
         survivor_counts: &mut frame.survivor_counts,
         closed_runs: &frame.closed_runs,
     };
-    let params = preprocess_instance_expand::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
+    let params = preprocess_instance_expand::Params {
+        view: inputs.view,
+        lod_error_px: inputs.lod_error_px,
+        window: window.shown,
+    };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
-    recorder.dispatch_indirect(pipeline, &frame.scratch.args, per_item, &params, bindings)
+    let parts = scene.parts(window);
+    recorder.dispatch_indirect_parts(pipeline, &frame.scratch.args, per_item, &params, bindings, &parts)
 }
 
-/// The expansion of a packed scene.
+/// The expansion of a window of a packed scene.
 fn record_packed_expansion(
     recorder: &mut Recorder,
     pipeline: &Pipeline<preprocess_instance_expand_packed::PreprocessInstanceExpandPacked>,
     inputs: &ForwardInputs<'_>,
+    window: &SourceWindow,
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
     let scene = inputs.scene;
@@ -292,9 +302,14 @@ fn record_packed_expansion(
         survivor_counts: &mut frame.survivor_counts,
         closed_runs: &frame.closed_runs,
     };
-    let params = preprocess_instance_expand_packed::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
+    let params = preprocess_instance_expand_packed::Params {
+        view: inputs.view,
+        lod_error_px: inputs.lod_error_px,
+        window: window.shown,
+    };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
-    recorder.dispatch_indirect(pipeline, &frame.scratch.args, per_item, &params, bindings)
+    let parts = scene.parts(window);
+    recorder.dispatch_indirect_parts(pipeline, &frame.scratch.args, per_item, &params, bindings, &parts)
 }
 
 /// One depth slab: the next run of splats whose intersections fit, sorted by tile and blended onto the picture.

@@ -35,6 +35,7 @@ mod scene_tables;
 pub mod self_test;
 pub mod show;
 pub mod sort;
+pub mod source_windows;
 pub mod surfaces;
 pub mod train_frame;
 

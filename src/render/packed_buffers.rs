@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::{CODED_CHANNELS, RECORDS_PER_RANGE};
-use crate::gpu::staging::upload;
-use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::gpu::staging::{upload, upload_in_parts};
+use crate::gpu::{Buffer, BufferPart, Gpu, GpuError};
 use crate::scene::{DevicePrecision, InstancedScene, Owner, Parameter};
 
 use super::device_scene::PlannedBytes;
 use super::packed_scene::PackedScene;
+use super::source_windows::SourceWindow;
 
 /// A buffer for every array of [`PackedScene`], in its order. An array without elements has one that is unused, since Vulkan
 /// has no empty buffers; scenes in f32 have only such.
@@ -34,13 +35,13 @@ impl PackedBuffers {
         let [sh0, sh1, sh2, sh3] = &scene.sh;
         let [means, sh_dc, log_scales, quats] = &scene.offsets;
         Ok(Self {
-            shapes: upload(gpu, "packed shapes", &scene.shapes)?,
-            quats: upload(gpu, "packed quats", &scene.quats)?,
+            shapes: upload_in_parts(gpu, "packed shapes", &scene.shapes)?,
+            quats: upload_in_parts(gpu, "packed quats", &scene.quats)?,
             sh: [
-                upload(gpu, "packed SH band 0", sh0)?,
-                upload(gpu, "packed SH band 1", sh1)?,
-                upload(gpu, "packed SH band 2", sh2)?,
-                upload(gpu, "packed SH band 3", sh3)?,
+                upload_in_parts(gpu, "packed SH band 0", sh0)?,
+                upload_in_parts(gpu, "packed SH band 1", sh1)?,
+                upload_in_parts(gpu, "packed SH band 2", sh2)?,
+                upload_in_parts(gpu, "packed SH band 3", sh3)?,
             ],
             offsets: [
                 upload(gpu, "packed offsets of means", means)?,
@@ -51,6 +52,18 @@ impl PackedBuffers {
             offset_sh_rest: upload(gpu, "packed offsets of SH", &scene.offset_sh_rest)?,
             offset_ranges: upload(gpu, "ranges of offsets", &scene.offset_ranges)?,
         })
+    }
+
+    /// What a window shows of the arrays of source Gaussians.
+    pub fn parts(&self, window: &SourceWindow) -> Vec<BufferPart> {
+        let bands = [Parameter::Sh0, Parameter::Sh1, Parameter::Sh2, Parameter::Sh3];
+        let shapes = [Parameter::LogScales, Parameter::OpacityLogits];
+        let part = |buffer: &Buffer<u32>, parameters: &[Parameter]| {
+            window.part(buffer, parameters[0], row_halves(parameters) * WORD / 2)
+        };
+        let of_bands = self.sh.iter().zip(bands).map(|(buffer, band)| part(buffer, &[band]));
+        let others = [part(&self.shapes, &shapes), part(&self.quats, &[Parameter::Quats])];
+        others.into_iter().chain(of_bands).collect()
     }
 
     /// Size of all buffers, bytes.

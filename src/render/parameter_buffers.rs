@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use crate::gpu::staging::{download, write};
-use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::gpu::{Buffer, BufferPart, Gpu, GpuError};
 use crate::scene::parameters::{Parameter, ParameterSet, Rows, for_parameters};
 use crate::scene::{InstancedScene, Owner};
 
 use super::device_scene::PlannedBytes;
+use super::source_windows::SourceWindow;
 
 macro_rules! parameter_buffers {
     ($($(#[$doc:meta])* $variant:ident $field:ident: $element:ty, $name:literal, $owner:expr, $width:literal;)*) => {
@@ -28,7 +29,7 @@ macro_rules! parameter_buffers {
                     rows[parameter].iter().sum::<usize>() * parameter.width() / parameter.element()
                 };
                 Ok(Self {
-                    $($field: Buffer::new(gpu, &name(Parameter::$variant), elements(Parameter::$variant))?,)*
+                    $($field: Buffer::in_parts(gpu, &name(Parameter::$variant), elements(Parameter::$variant))?,)*
                 })
             }
 
@@ -77,6 +78,13 @@ impl ParameterBuffers {
             scene.set_parameter(parameter, rows, &values);
         }
         Ok(())
+    }
+
+    /// What a window shows of the arrays of source Gaussians.
+    pub fn parts(&self, window: &SourceWindow) -> Vec<BufferPart> {
+        let of_sources =
+            self.scalars().into_iter().filter(|(p, _)| matches!(p.owner(), Owner::Source | Owner::ShBand(_)));
+        of_sources.map(|(p, buffer)| window.part(buffer, p, 4 * p.width() as u64)).collect()
     }
 
     /// Size of all buffers, bytes.

@@ -36,6 +36,7 @@ mod recycle;
 mod scale;
 mod scan;
 mod sensitivity;
+mod source_windows;
 mod tile_marks;
 mod tile_surface;
 mod train_steps;
