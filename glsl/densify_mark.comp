@@ -2,7 +2,7 @@
 // Decides for every Gaussian whether it stays, and what it may grow into: a copy beside it (clone) or smaller Gaussians
 // in its place (split). First pass of the strategy `densify`.
 //
-// - Reads the parameters (by Gaussian; all SH bands, to check that they are finite) and `screen_statistics`.
+// - Reads the parameters (by Gaussian, in parts where they are larger than a binding; all SH bands, to check that they are finite) and `screen_statistics`.
 // - Reads `uses`, `highest_logits` and `log_world_scales` (see `source_use`): a Gaussian of a template counts once per
 //   instance, and its scales are those in the world.
 // - Reads `own_counts` and `own_gradients` (see `densify_own_need`): where some instances grow alone, the template does not.
@@ -35,7 +35,8 @@ layout(scalar, binding = 17) writeonly buffer GainsExpanded { uint gains_expande
 layout(scalar, binding = 19) readonly buffer OwnCounts { uint own_counts[]; };               // instances that grow alone
 layout(scalar, binding = 20) readonly buffer OwnGradients { float own_gradients[]; };        // their mean screen gradient
 layout(scalar, push_constant) uniform DensifyMarkParams {
-    uint count;                // Gaussians
+    uint first;                // the first Gaussian, whose parameters are the first that are bound
+    uint count;                // Gaussians from there on
     uint split_count;          // children of a split Gaussian
     uint halves;               // 1 = splits divide the longest axis alone
     float gradient_threshold;  // mean screen gradient from which Gaussians grow
@@ -47,12 +48,13 @@ layout(scalar, push_constant) uniform DensifyMarkParams {
 };
 
 void main() {
-    uint i = thread_index();
-    if (i >= count) return;
+    uint bound = thread_index();
+    if (bound >= count) return;
+    uint i = first + bound;
     vec3 statistics = screen_statistics[i];
-    vec3 scales = log_scales[i];
+    vec3 scales = log_scales[bound];
     float largest = max(max(scales.x, scales.y), scales.z) + log_world_scales[i];
-    bool lives = all_finite(i) && highest_logits[i] >= logit_min;
+    bool lives = all_finite(bound) && highest_logits[i] >= logit_min;
     bool fits = largest <= log_scale_max;
     uint kept = lives && fits && statistics.z <= radius_max_px ? 1 : 0;
     float views = max(statistics.y, 1.0);

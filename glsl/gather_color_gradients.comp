@@ -23,8 +23,8 @@ layout(scalar, binding = 2) readonly buffer CandidateVisible { uint candidate_vi
 layout(scalar, binding = 3) readonly buffer WorkOffsets { uint work_offsets[]; };                    // work item of the candidate
 layout(scalar, binding = 4) readonly buffer Counters { uint counters[]; };                           // COUNTER_*
 layout(scalar, binding = 5) readonly buffer Instances { Instance instances[]; };                     // instances, background last
-layout(scalar, binding = 6) readonly buffer SourceGradients { SourceGradient source_gradients[]; };  // by work item times work-group size plus index in the chunk; 0 if not drawn
-layout(scalar, binding = 7) readonly buffer ColorCotangents { vec3 color_cotangents[]; };            // as source_gradients, by the colour after the matrix
+layout(scalar, binding = 6) readonly buffer LookGradients { LookGradient look_gradients[]; };        // by work item times work-group size plus index in the chunk; 0 if not drawn
+layout(scalar, binding = 7) readonly buffer ColorCotangents { vec3 color_cotangents[]; };            // as look_gradients, by the colour after the matrix
 layout(scalar, binding = 8) readonly buffer Sh0 { vec3 sh0[]; };                                     // source SH band 0, 1 per Gaussian
 layout(scalar, binding = 9) readonly buffer Sh1 { vec3 sh1[]; };                                     // SH band 1, 3 per Gaussian of degree >= 1
 layout(scalar, binding = 10) readonly buffer Sh2 { vec3 sh2[]; };                                    // SH band 2, 5 per Gaussian of degree >= 2
@@ -58,7 +58,7 @@ void main() {
         if (by_color == vec3(0.0)) continue;
         vec3 base = sh0[instance.first_source + local];
         if (instance.first_offset != NO_OFFSET) base += offset_sh_dc[instance.first_offset + local];
-        vec4 extended = vec4(evaluate_sh(instance, local, base, source_gradients[w * WORKGROUP_SIZE + lane].direction), 1.0);
+        vec4 extended = vec4(evaluate_sh(instance, local, base, look_gradients[w * WORKGROUP_SIZE + lane].direction), 1.0);
         [[unroll]] for (uint r = 0; r < 3; ++r) {
             vec4 row = by_color[r] * extended;
             if (all(is_below(row, GRADIENT_MAX))) rows[r] += row;

@@ -18,6 +18,7 @@
 #include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
+#include "source_window.glsl"
 #include "gradients.glsl"
 #include "rotation.glsl"
 #include "train_status.glsl"
@@ -31,7 +32,8 @@ layout(scalar, binding = 3) readonly buffer CandidateOffsets { uint candidate_of
 layout(scalar, binding = 4) readonly buffer CandidateVisible { uint candidate_visible[]; };            // 1 if the candidate became a work item
 layout(scalar, binding = 5) readonly buffer WorkOffsets { uint work_offsets[]; };                      // work item of the candidate
 layout(scalar, binding = 6) readonly buffer Counters { uint counters[]; };                             // COUNTER_*
-layout(scalar, binding = 7) readonly buffer SourceGradients { SourceGradient source_gradients[]; };    // by work item times work-group size plus index in the chunk; 0 if not drawn
+layout(scalar, binding = 7) readonly buffer ShapeGradients { ShapeGradient shape_gradients[]; };       // by work item times work-group size plus index in the chunk; 0 if not drawn
+layout(scalar, binding = 27) readonly buffer LookGradients { LookGradient look_gradients[]; };         // as shape_gradients
 layout(scalar, binding = 8) readonly buffer Quats { vec4 quats[]; };                                   // source rotations, wxyz
 layout(scalar, binding = 9) readonly buffer LogScales { vec3 log_scales[]; };                          // source log standard deviations
 layout(scalar, binding = 10) writeonly buffer MeanGradients { vec3 mean_gradients[]; };                // by source
@@ -54,7 +56,8 @@ layout(scalar, binding = 24) writeonly buffer OffsetLogScaleGradients { vec3 off
 layout(scalar, binding = 25) writeonly buffer OffsetQuatGradients { vec4 offset_quat_gradients[]; };   // by offset record, if any
 layout(scalar, binding = 26) buffer RecordStatistics { vec2 record_statistics[]; };                    // as the first two of screen_statistics, by offset record, if instances may get own Gaussians
 layout(scalar, push_constant) uniform GatherGradientsParams {
-    uint chunk_count;  // chunks of source Gaussians
+    uint chunk_count;     // chunks of source Gaussians
+    SourceWindow window;  // WINDOWED: the source Gaussians that it sees
 };
 
 #include "work_item_of.glsl"
@@ -128,7 +131,7 @@ void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms,
 }
 
 // Adds the gradient by an instance's own shape, and writes the gradient by its offsets (no other instance has them).
-void add_shape(inout Sums sums, Instance instance, uint local, SourceGradient g) {
+void add_shape(inout Sums sums, Instance instance, uint local, ShapeGradient g) {
     vec4 by_quat;
     vec3 by_log_scales;
     shape_gradient(quat_of(instance, local), log_scales_of(instance, local), g.covariance, g.covariance_cross, by_quat, by_log_scales);
@@ -158,8 +161,8 @@ void gather_low_bands(SourceChunk chunk, uint local, uint degree) {
         uint instance = instance_from_template[chunk.first_instance + i];
         uint w = work_item_of(instance, chunk.chunk);
         if (w != NO_WORK_ITEM) {
-            vec3 color = source_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].color;
-            float basis[LOW_COEFFICIENTS] = low_basis(source_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].direction);
+            vec3 color = look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].color;
+            float basis[LOW_COEFFICIENTS] = low_basis(look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].direction);
             [[unroll]] for (uint k = 0; k < LOW_COEFFICIENTS; ++k) sums[k] += basis[k] * color;
             if (has_rest(instance)) {
                 uint first = first_rest(instances[instance], local);
@@ -187,8 +190,8 @@ void gather_band_3(SourceChunk chunk, uint local) {
         uint instance = instance_from_template[chunk.first_instance + i];
         uint w = work_item_of(instance, chunk.chunk);
         if (w != NO_WORK_ITEM) {
-            vec3 color = source_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].color;
-            float basis[BAND_3_COEFFICIENTS] = band_3_basis(source_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].direction);
+            vec3 color = look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].color;
+            float basis[BAND_3_COEFFICIENTS] = band_3_basis(look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].direction);
             [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) sums[k] += basis[k] * color;
             if (has_rest(instance)) {
                 uint first = first_rest(instances[instance], local) + LOW_COEFFICIENTS - 1;
@@ -205,6 +208,9 @@ void main() {
     uint lane = gl_LocalInvocationID.x;
     if (c >= chunk_count) return;
     SourceChunk chunk = source_chunks[c];
+    // The chunks of other windows are left to their dispatches.
+    if (!in_window(window, chunk.first_source + chunk.chunk * WORKGROUP_SIZE)) return;
+    enter_window(window, chunk.first_source, chunk.first_in_band);
     uint local = chunk.chunk * WORKGROUP_SIZE + lane;
     // An overflowing step is redone: its statistics must not count twice.
     if (local >= chunk.source_count || status[STATUS_OVERFLOW] != 0) return;
@@ -219,17 +225,23 @@ void main() {
         uint instance = instance_from_template[chunk.first_instance + i];
         uint w = work_item_of(instance, chunk.chunk);
         if (w != NO_WORK_ITEM) {
-            SourceGradient g = source_gradients[w * WORKGROUP_SIZE + lane];
+            ShapeGradient g = shape_gradients[w * WORKGROUP_SIZE + lane];
+            LookGradient look = look_gradients[w * WORKGROUP_SIZE + lane];
+            vec2 seen = vec2(look.mean_ndc, look.radius_px > 0.0 ? 1.0 : 0.0);
             sums.mean += g.mean;
             sums.covariance += g.covariance;
             sums.covariance_cross += g.covariance_cross;
-            sums.opacity_logit += g.opacity_logit;
-            sums.statistics.xy += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
-            sums.statistics.z = max(sums.statistics.z, g.radius_px);
+            sums.opacity_logit += look.opacity_logit;
+            sums.statistics.xy += seen;
+            sums.statistics.z = max(sums.statistics.z, look.radius_px);
             if (OWN_MAY_GROW != 0 && instances[instance].first_offset != NO_OFFSET) {
-                record_statistics[instances[instance].first_offset + local] += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
+                record_statistics[instances[instance].first_offset + local] += seen;
             }
-            if (own_shapes()) add_shape(sums, instances[instance], local, g);
+            if (own_shapes()) {
+                Instance shown = instances[instance];
+                enter_window(window, shown.first_source, shown.first_in_band);
+                add_shape(sums, shown, local, g);
+            }
         }
     }
     vec4 by_quat = sums.quat;

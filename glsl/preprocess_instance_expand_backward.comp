@@ -3,8 +3,8 @@
 //
 // - Reads, per survivor: its `isect_moments` (36 bytes for each tile and block, a contiguous run), splat, footprint,
 //   mean, rotation, scales, offsets, SH bands 1-3 (they turn with the view direction, which depends on the mean).
-// - Writes `source_gradients` (72 bytes), at work item times work-group size plus index in the chunk, where
-//   `gather_gradients` finds them without a search; the rest of the buffer must hold zeros. Writes the gradients of the
+// - Writes `shape_gradients` and `look_gradients` (36 bytes each), at work item times work-group size plus index in the chunk,
+//   where `gather_gradients` finds them without a search; the rest of both must hold zeros. Writes the gradients of the
 //   offsets, each of which belongs to one thread.
 // - With POSES, writes the gradient by the instance's pose, summed over each subgroup: 28 bytes per subgroup of a work
 //   item, except for the background.
@@ -20,6 +20,7 @@
 #include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
+#include "source_window.glsl"
 #include "splat.glsl"
 #include "gradients.glsl"
 #include "rotation.glsl"
@@ -43,7 +44,8 @@ layout(scalar, binding = 12) readonly buffer LogScales { vec3 log_scales[]; };  
 layout(scalar, binding = 13) readonly buffer Sh1 { vec3 sh1[]; };                                   // SH band 1, 3 per Gaussian of degree >= 1
 layout(scalar, binding = 14) readonly buffer Sh2 { vec3 sh2[]; };                                   // SH band 2, 5 per Gaussian of degree >= 2
 layout(scalar, binding = 15) readonly buffer Sh3 { vec3 sh3[]; };                                   // SH band 3, 7 per Gaussian of degree 3
-layout(scalar, binding = 16) writeonly buffer SourceGradients { SourceGradient source_gradients[]; };  // by work item times work-group size plus index in the chunk
+layout(scalar, binding = 16) writeonly buffer ShapeGradients { ShapeGradient shape_gradients[]; };  // by work item times work-group size plus index in the chunk
+layout(scalar, binding = 26) writeonly buffer LookGradients { LookGradient look_gradients[]; };      // as shape_gradients
 layout(scalar, binding = 17) writeonly buffer OffsetMeanGradients { vec3 offset_mean_gradients[]; };  // by offset record
 layout(scalar, binding = 18) writeonly buffer OffsetShDcGradients { vec3 offset_sh_dc_gradients[]; };  // by offset record
 layout(scalar, binding = 19) writeonly buffer OffsetLogitGradients { float offset_logit_gradients[]; };  // by offset record
@@ -52,12 +54,13 @@ layout(scalar, binding = 21) readonly buffer OffsetShRest { vec3 offset_sh_rest[
 layout(scalar, binding = 22) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };          // offsets of log standard deviations, if any
 layout(scalar, binding = 23) readonly buffer OffsetQuats { vec4 offset_quats[]; };                   // offsets of quaternions, if any
 layout(scalar, binding = 24) readonly buffer ColorMatrices { vec4 color_from_template[]; };          // rows of (M | b) by instance, if any
-layout(scalar, binding = 25) writeonly buffer ColorCotangents { vec3 color_cotangents[]; };          // as source_gradients, by the colour after the matrix, if any
+layout(scalar, binding = 25) writeonly buffer ColorCotangents { vec3 color_cotangents[]; };          // as shape_gradients, by the colour after the matrix, if any
 layout(scalar, push_constant) uniform ExpandBackwardParams {
     View view;             // the camera
     uint capacity;         // emissions that fit the buffers
     uint blocks_per_tile;  // 8x8 blocks of a tile
     uint posed_rows;       // rows of instances besides the background
+    SourceWindow window;   // WINDOWED: the source Gaussians that it sees
 };
 
 #include "shape.glsl"
@@ -211,6 +214,11 @@ vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color) 
     return g;
 }
 
+struct SourceGradient {
+    ShapeGradient shape;
+    LookGradient look;
+};
+
 SourceGradient source_gradient(Instance instance, uint local, uint slot, SplatMoments m, out vec3 by_dir, out vec3 by_color) {
     Splat splat = splats[slot];
     vec3 conic = vec3(splat.a.zw, splat.b.x);
@@ -229,8 +237,8 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, SplatMo
     // cov_px = J cov J^T: the gradient by the template's covariance is J^T by_cov J.
     vec3 hx = by_cov.x * g.jx + by_cov.y * g.jy;
     vec3 hy = by_cov.y * g.jx + by_cov.z * g.jy;
-    out_gradient.covariance = g.jx * hx + g.jy * hy;
-    out_gradient.covariance_cross = vec3(g.jx.x * hx.y + g.jy.x * hy.y, g.jx.x * hx.z + g.jy.x * hy.z, g.jx.y * hx.z + g.jy.y * hy.z);
+    out_gradient.shape.covariance = g.jx * hx + g.jy * hy;
+    out_gradient.shape.covariance_cross = vec3(g.jx.x * hx.y + g.jy.x * hy.y, g.jx.x * hx.z + g.jy.x * hy.z, g.jx.y * hx.z + g.jy.y * hy.z);
 
     mat3 a = linear_part(instance.world_from_template);
     vec3 seen = (mean_world - view.position_world) * a;
@@ -240,24 +248,24 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, SplatMo
     by_dir = direction_gradient(instance, local, dir, by_template_color);
     vec3 by_seen = len > 0.0 ? (by_dir - dir * dot(dir, by_dir)) / len : vec3(0.0);
     vec3 by_view = mean_view_gradient(g, by_mean_px, by_cov, instance, local);
-    out_gradient.mean = by_view * g.linear + (a * by_seen) * a;
-    out_gradient.color = by_template_color;
-    out_gradient.direction = dir;
+    out_gradient.shape.mean = by_view * g.linear + (a * by_seen) * a;
+    out_gradient.look.color = by_template_color;
+    out_gradient.look.direction = dir;
     float sigmoid = opacity / compensation;
-    out_gradient.opacity_logit = first.x * (1.0 - sigmoid);
-    out_gradient.mean_ndc = length(by_mean_px * 0.5 * vec2(view.size_px));
+    out_gradient.look.opacity_logit = first.x * (1.0 - sigmoid);
+    out_gradient.look.mean_ndc = length(by_mean_px * 0.5 * vec2(view.size_px));
     vec2 variance = g.cov_sharp.xz + view.dilation_px2;
     float middle = 0.5 * (variance.x + variance.y);
     float spread = length(vec2(0.5 * (variance.x - variance.y), g.cov_sharp.y));
-    out_gradient.radius_px = 3.0 * sqrt(middle + spread);
+    out_gradient.look.radius_px = 3.0 * sqrt(middle + spread);
     return out_gradient;
 }
 
 // This also runs for splats that blend nothing: a zero gradient times an infinite parameter would be NaN.
 bool is_finite(SourceGradient g) {
-    bool shape = all(is_below(g.mean, GRADIENT_MAX)) && all(is_below(g.covariance, GRADIENT_MAX)) && all(is_below(g.covariance_cross, GRADIENT_MAX));
-    bool look = all(is_below(g.color, GRADIENT_MAX)) && all(is_below(g.direction, GRADIENT_MAX));
-    return shape && look && all(is_below(vec3(g.opacity_logit, g.mean_ndc, g.radius_px), GRADIENT_MAX));
+    bool shape = all(is_below(g.shape.mean, GRADIENT_MAX)) && all(is_below(g.shape.covariance, GRADIENT_MAX)) && all(is_below(g.shape.covariance_cross, GRADIENT_MAX));
+    bool look = all(is_below(g.look.color, GRADIENT_MAX)) && all(is_below(g.look.direction, GRADIENT_MAX));
+    return shape && look && all(is_below(vec3(g.look.opacity_logit, g.look.mean_ndc, g.look.radius_px), GRADIENT_MAX));
 }
 
 // Contribution of one Gaussian to the gradient by its instance's pose. A rotation by w moves the mean by w x mean, the
@@ -266,14 +274,14 @@ PoseGradient pose_gradient(Instance instance, uint local, SourceGradient g, vec3
     mat3 rotation = rotation_from_quat(quat_of(instance, local));
     vec3 variances = exp(2.0 * log_scales_of(instance, local));
     mat3 covariance = mat3(rotation[0] * variances.x, rotation[1] * variances.y, rotation[2] * variances.z) * transpose(rotation);
-    vec3 d = g.covariance, c = g.covariance_cross;
+    vec3 d = g.shape.covariance, c = g.shape.covariance_cross;
     mat3 product = covariance * mat3(d.x, c.x, c.y, c.x, d.y, c.z, c.y, c.z, d.z);
     vec3 mean = mean_of(instance, local);
     PoseGradient p;
-    p.translation = g.mean;
-    p.rotation = cross(mean, g.mean) - cross(g.direction, by_dir) +
+    p.translation = g.shape.mean;
+    p.rotation = cross(mean, g.shape.mean) - cross(g.look.direction, by_dir) +
                  2.0 * vec3(product[2].y - product[1].z, product[0].z - product[2].x, product[1].x - product[0].y);
-    p.log_scale = dot(mean, g.mean) + 2.0 * (product[0].x + product[1].y + product[2].z);
+    p.log_scale = dot(mean, g.shape.mean) + 2.0 * (product[0].x + product[1].y + product[2].z);
     bool finite = all(is_below(p.translation, GRADIENT_MAX)) && all(is_below(vec4(p.rotation, p.log_scale), GRADIENT_MAX));
     return finite ? p : PoseGradient(vec3(0.0), vec3(0.0), 0.0);
 }
@@ -295,6 +303,7 @@ PoseGradient write_gradients(uint w, uint lane, SplatMoments m) {
     PoseGradient none = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
     WorkItem item = work_items[w];
     Instance instance = instances[item.instance];
+    enter_window(window, instance.first_source, instance.first_in_band);
     uint slot = w * WORKGROUP_SIZE + lane;
     uint local = footprints[slot].local;
     vec3 by_dir, by_color;
@@ -302,13 +311,14 @@ PoseGradient write_gradients(uint w, uint lane, SplatMoments m) {
     // The buffer holds 0 wherever nothing is written.
     if (!is_finite(g)) return none;
     uint place = w * WORKGROUP_SIZE + local - item.chunk * WORKGROUP_SIZE;
-    source_gradients[place] = g;
+    shape_gradients[place] = g.shape;
+    look_gradients[place] = g.look;
     if (has_color_matrix(instance) && all(is_below(by_color, GRADIENT_MAX))) color_cotangents[place] = by_color;
     if (instance.first_offset != NO_OFFSET) {
         uint k = instance.first_offset + local;
-        offset_mean_gradients[k] = g.mean;
-        offset_sh_dc_gradients[k] = 0.28209479177387814 * g.color;
-        offset_logit_gradients[k] = g.opacity_logit;
+        offset_mean_gradients[k] = g.shape.mean;
+        offset_sh_dc_gradients[k] = 0.28209479177387814 * g.look.color;
+        offset_logit_gradients[k] = g.look.opacity_logit;
     }
     return POSES != 0 && item.instance < posed_rows ? pose_gradient(instance, local, g, by_dir) : none;
 }
@@ -317,6 +327,11 @@ void main() {
     uint w = group_index();
     uint lane = gl_LocalInvocationID.x;
     if (w >= counters[COUNTER_WORK_ITEMS]) return;
+    if (WINDOWED != 0) {
+        // The work items of other windows are left to their dispatches.
+        WorkItem item = work_items[w];
+        if (!in_window(window, instances[item.instance].first_source + item.chunk * WORKGROUP_SIZE)) return;
+    }
     PoseGradient pose = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
     bool survives = lane < survivor_counts[w];
     SplatMoments m = total_moments(w * WORKGROUP_SIZE + lane, survives);

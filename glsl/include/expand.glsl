@@ -101,10 +101,7 @@ void main() {
     uint chunk_first = work_items[w].chunk * WORKGROUP_SIZE;
     // The work items of other windows are left to their dispatches.
     in_range = in_range && in_window(window, instance.first_source + chunk_first);
-    if (WINDOWED != 0) {
-        instance.first_source -= window.first;
-        instance.first_in_band -= window.first_in_band;
-    }
+    enter_window(window, instance.first_source, instance.first_in_band);
     uint local = chunk_first + lane;
     Projection p;
     p.visible = false;

@@ -1,4 +1,4 @@
-// Checks that the parameters of a Gaussian are finite. The including file binds them at 0 to 7.
+// Checks that the parameters of a Gaussian are finite. They are bound at 0 to 7; `i` is the index in what is bound of them.
 layout(constant_id = 3) const uint SH_DEGREE = 3;
 
 layout(scalar, binding = 0) readonly buffer Means { vec3 means[]; };                    // centres

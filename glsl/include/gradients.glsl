@@ -6,16 +6,20 @@ struct SplatMoments {
     vec3 sums[3];  // dL/dcolour; sums of s, s dx, s dy; sums of s dx dx, s dx dy, s dy dy
 };
 
-// The gradient by one Gaussian of one instance, in the template's frame.
-struct SourceGradient {
-    vec3 mean;               // by mean plus offset
-    vec3 covariance;         // by the covariance's xx, yy, zz
-    vec3 covariance_cross;   // by xy, xz, yz, each of the two equal entries
-    vec3 color;              // by the template's colour, 0 where that of the instance is clamped
-    vec3 direction;          // unit view direction, where SH are evaluated
-    float opacity_logit;     // by the logit plus offset
-    float mean_ndc;          // length of the gradient by the centre, in units of half the image
-    float radius_px;         // three standard deviations on the screen
+// The gradient by one Gaussian of one instance, in the template's frame, in two arrays: one of both would be too large for a
+// binding of 128 MiB from 1.9 million Gaussians on.
+struct ShapeGradient {
+    vec3 mean;              // by mean plus offset
+    vec3 covariance;        // by the covariance's xx, yy, zz
+    vec3 covariance_cross;  // by xy, xz, yz, each of the two equal entries
+};
+
+struct LookGradient {
+    vec3 color;           // by the template's colour, 0 where that of the instance is clamped
+    vec3 direction;       // unit view direction, where SH are evaluated
+    float opacity_logit;  // by the logit plus offset
+    float mean_ndc;       // length of the gradient by the centre, in units of half the image
+    float radius_px;      // three standard deviations on the screen
 };
 
 // The gradient by the pose of an instance, for a step applied before its transform, in the template's frame: A' = A

@@ -12,3 +12,11 @@ struct SourceWindow {
 bool in_window(SourceWindow window, uint source) {
     return WINDOWED == 0 || source - window.first < window.count;
 }
+
+// Makes the first indices of a range of source Gaussians those of the window's bindings. They may wrap around: with the index in
+// the range of a Gaussian that the window sees they do not.
+void enter_window(SourceWindow window, inout uint first_source, inout uvec3 first_in_band) {
+    if (WINDOWED == 0) return;
+    first_source -= window.first;
+    first_in_band -= window.first_in_band;
+}

@@ -1,6 +1,7 @@
 //! Typed storage buffers in device-local or host-visible memory.
 
 use std::marker::PhantomData;
+use std::ops::Range;
 use std::ptr::NonNull;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -101,6 +102,15 @@ pub struct BufferPart {
 /// Parts begin at multiples of this: the largest `minStorageBufferOffsetAlignment` that Vulkan allows.
 pub const PART_ALIGNMENT: u64 = 256;
 
+/// Runs of rows of `row_bytes` bytes, a multiple of 4, that a binding has room for: together all `rows`, and one empty run if there
+/// are none. All but the last end at a multiple of [`PART_ALIGNMENT`] bytes.
+pub fn bound_runs(gpu: &Gpu, rows: usize, row_bytes: u64) -> impl Iterator<Item = Range<usize>> + use<> {
+    const ROWS: u64 = PART_ALIGNMENT / 4;
+    let at_once = (gpu.caps().max_storage_bytes / row_bytes / ROWS * ROWS).max(ROWS);
+    let at_once = usize::try_from(at_once).unwrap_or(usize::MAX).min(rows.max(1));
+    (0..rows.div_ceil(at_once).max(1)).map(move |k| k * at_once..rows.min((k + 1) * at_once))
+}
+
 /// Kernels access four elements at a time, even beyond the last one: 16 bytes of f32, or 32 of Adam's pairs of moments.
 fn padded_bytes(bytes: u64) -> u64 {
     bytes.next_multiple_of(32)
@@ -176,7 +186,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     /// If `first` is not such a multiple.
     pub fn part(&self, first: u64, end: u64) -> BufferPart {
         assert!(first.is_multiple_of(PART_ALIGNMENT), "{}: a part from byte {first}", self.name());
-        let end = end.next_multiple_of(4).min(self.padded_bytes());
+        let end = end.min(self.padded_bytes()).next_multiple_of(4);
         let (offset, bytes) = if first < end { (first, end - first) } else { (0, self.padded_bytes().min(32)) };
         BufferPart { buffer: self.handle(), offset, bytes }
     }

@@ -137,6 +137,11 @@ impl Recorder {
         Ok(recorder)
     }
 
+    /// The device that it records for.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
     /// Starts the command buffer unless it is recording already, after the previous submission has finished. All other
     /// commands call this themselves.
     pub fn begin(&mut self) -> Result<(), GpuError> {

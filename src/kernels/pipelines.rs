@@ -351,11 +351,19 @@ impl BackwardPipelines {
             )?,
             preprocess_instance_expand_backward: compiler.compile(
                 size,
-                &[&[("POSES", u32::from(poses)), traits.color_matrices_constant()][..], &traits.constants()].concat(),
+                &[
+                    &[("POSES", u32::from(poses)), traits.color_matrices_constant(), traits.windowed_constant()][..],
+                    &traits.constants(),
+                ]
+                .concat(),
             )?,
             gather_gradients: compiler.compile(
                 size,
-                &[&[("OWN_MAY_GROW", u32::from(traits.own_may_grow))][..], &traits.constants()].concat(),
+                &[
+                    &[("OWN_MAY_GROW", u32::from(traits.own_may_grow)), traits.windowed_constant()][..],
+                    &traits.constants(),
+                ]
+                .concat(),
             )?,
             gather_color_gradients: match traits.color_matrices {
                 true => {

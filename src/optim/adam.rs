@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::STATUS_COUNT;
-use crate::gpu::staging::write;
-use crate::gpu::{Buffer, Gpu, GpuError, Grid, Pipeline, Recorder};
+use crate::gpu::{Buffer, Gpu, GpuError, Grid, Pipeline, Recorder, bound_runs};
 use crate::kernels::adam;
 
 /// First and second moment of every value of a parameter buffer.
@@ -12,9 +11,11 @@ pub type MomentBuffer = Buffer<[f32; 2]>;
 
 /// Zero moments for a buffer of `values` f32.
 pub fn zero_moments(gpu: &Arc<Gpu>, name: &str, values: usize) -> Result<MomentBuffer, GpuError> {
-    let mut moments = Buffer::new(gpu, name, values)?;
-    let zeros = vec![[0.0; 2]; moments.len()];
-    write(gpu, &mut moments, &zeros)?;
+    let mut moments = Buffer::in_parts(gpu, name, values)?;
+    let mut recorder = Recorder::new(gpu)?;
+    recorder.fill(&mut moments, 0)?;
+    let ticket = recorder.submit()?;
+    recorder.wait(ticket)?;
     Ok(moments)
 }
 
@@ -90,22 +91,33 @@ impl Adam {
         }
         let [split, rest] = groups.counts;
         let count = split + rest;
-        let params = adam::Params {
-            count: count as u32,
-            split: split as u32,
-            rates: groups.rates.map(|rate| self.corrected(rate)),
-            beta1: self.beta1 as f32,
-            beta2: self.beta2 as f32,
-            second_scale: self.second_scale(),
-            epsilon: self.epsilon as f32,
-        };
         let AdamBuffers { gradients, parameters, moments } = buffers;
-        let bindings = adam::Bindings {
-            gradients: gradients.quads(),
-            status,
-            parameters: parameters.quads_mut(),
-            moments: moments.quads_mut(),
-        };
-        recorder.dispatch(pipeline, Grid::threads(count.div_ceil(4) as u32, workgroup_size), &params, bindings)
+        // Arrays that are larger than a binding take several dispatches.
+        for run in bound_runs(recorder.gpu(), count, size_of::<[f32; 2]>() as u64) {
+            let params = adam::Params {
+                count: run.len() as u32,
+                split: split.clamp(run.start, run.end) as u32 - run.start as u32,
+                rates: groups.rates.map(|rate| self.corrected(rate)),
+                beta1: self.beta1 as f32,
+                beta2: self.beta2 as f32,
+                second_scale: self.second_scale(),
+                epsilon: self.epsilon as f32,
+            };
+            // Values are stepped by four: the last ones may reach into the padding.
+            let end = run.end.next_multiple_of(4);
+            let bytes = |value_bytes: usize| ((run.start * value_bytes) as u64, (end * value_bytes) as u64);
+            let ((first, end), (first_moment, end_moment)) = (bytes(4), bytes(8));
+            let parts =
+                [gradients.part(first, end), parameters.part(first, end), moments.part(first_moment, end_moment)];
+            let bindings = adam::Bindings {
+                gradients: gradients.quads(),
+                status,
+                parameters: parameters.quads_mut(),
+                moments: moments.quads_mut(),
+            };
+            let grid = Grid::threads(run.len().div_ceil(4) as u32, workgroup_size);
+            recorder.dispatch_parts(pipeline, grid, &params, bindings, &parts)?;
+        }
+        Ok(())
     }
 }

@@ -8,6 +8,7 @@ use crate::scene::Owner;
 use super::forward::ForwardInputs;
 use super::frame_buffers::FrameBuffers;
 use super::gradients::{BackwardBuffers, GradientBuffers, SourceTables, StepLog, column_strips, row_strips};
+use super::source_windows::SourceWindow;
 
 /// Inputs of the backward passes besides buffers.
 pub struct BackwardInputs<'a> {
@@ -112,7 +113,8 @@ pub fn record_gradients(
 ) -> Result<(), GpuError> {
     record_blend_backward(recorder, inputs, frame, buffers)?;
     // Gaussians that are not drawn have zero gradients.
-    recorder.fill(&mut buffers.source_gradients, 0)?;
+    recorder.fill(&mut buffers.shape_gradients, 0)?;
+    recorder.fill(&mut buffers.look_gradients, 0)?;
     if inputs.pipelines.gather_color_gradients.is_some() {
         recorder.fill(&mut buffers.color_cotangents, 0)?;
     }
@@ -120,8 +122,12 @@ pub fn record_gradients(
     for (_, buffer) in offsets {
         recorder.fill(buffer, 0)?;
     }
-    record_expand_backward(recorder, inputs, frame, buffers, gradients)?;
-    record_gather(recorder, inputs, frame, buffers, log, gradients)?;
+    for window in inputs.forward.scene.windows.iter() {
+        record_expand_backward(recorder, inputs, frame, buffers, gradients, &window)?;
+    }
+    for window in inputs.forward.scene.windows.iter() {
+        record_gather(recorder, inputs, frame, buffers, log, gradients, &window)?;
+    }
     record_gather_colors(recorder, inputs, frame, buffers, gradients)?;
     if inputs.pipelines.poses { record_gather_poses(recorder, inputs, frame, buffers, gradients) } else { Ok(()) }
 }
@@ -156,6 +162,7 @@ fn record_expand_backward(
     frame: &FrameBuffers,
     buffers: &mut BackwardBuffers,
     gradients: &mut GradientBuffers,
+    window: &SourceWindow,
 ) -> Result<(), GpuError> {
     let scene = inputs.forward.scene;
     let (parameters, by) = (&scene.parameters, &mut gradients.parameters);
@@ -179,7 +186,8 @@ fn record_expand_backward(
         offset_sh_rest: &parameters.offset_sh_rest,
         offset_log_scales: &parameters.offset_log_scales,
         offset_quats: &parameters.offset_quats,
-        source_gradients: &mut buffers.source_gradients,
+        shape_gradients: &mut buffers.shape_gradients,
+        look_gradients: &mut buffers.look_gradients,
         pose_sums: &mut buffers.pose_sums,
         offset_mean_gradients: &mut by.offset_means,
         offset_sh_dc_gradients: &mut by.offset_sh_dc,
@@ -192,10 +200,11 @@ fn record_expand_backward(
         capacity: frame.plan.capacities.intersections,
         blocks_per_tile: inputs.forward.pipelines.variant.blocks_per_tile(),
         posed_rows: scene.posed_rows(),
+        window: window.shown,
     };
     let per_item = (FAMILY_WORK_ITEMS * ARGS_PER_COUNT + ARGS_ITEMS) as usize;
     let pipeline = &inputs.pipelines.preprocess_instance_expand_backward;
-    recorder.dispatch_indirect(pipeline, &frame.scratch.args, per_item, &params, bindings)
+    recorder.dispatch_indirect_parts(pipeline, &frame.scratch.args, per_item, &params, bindings, &scene.parts(window))
 }
 
 fn record_gather(
@@ -205,8 +214,13 @@ fn record_gather(
     buffers: &BackwardBuffers,
     log: &StepLog,
     gradients: &mut GradientBuffers,
+    window: &SourceWindow,
 ) -> Result<(), GpuError> {
     let scene = inputs.forward.scene;
+    let mut parts = scene.parts(window);
+    if scene.windows.are_several() {
+        parts.extend(gradients.parts(window));
+    }
     let (parameters, by) = (&scene.parameters, &mut gradients.parameters);
     let bindings = gather_gradients::Bindings {
         source_chunks: &inputs.tables.chunks,
@@ -216,7 +230,8 @@ fn record_gather(
         candidate_visible: &frame.candidate_visible,
         work_offsets: &frame.work_offsets,
         counters: &frame.scratch.counters,
-        source_gradients: &buffers.source_gradients,
+        shape_gradients: &buffers.shape_gradients,
+        look_gradients: &buffers.look_gradients,
         quats: &parameters.quats,
         log_scales: &parameters.log_scales,
         mean_gradients: &mut by.means,
@@ -238,8 +253,8 @@ fn record_gather(
         status: &log.status,
     };
     let chunk_count = inputs.tables.chunk_count;
-    let params = gather_gradients::Params { chunk_count };
-    recorder.dispatch(&inputs.pipelines.gather_gradients, Grid::groups(chunk_count), &params, bindings)
+    let params = gather_gradients::Params { chunk_count, window: window.shown };
+    recorder.dispatch_parts(&inputs.pipelines.gather_gradients, Grid::groups(chunk_count), &params, bindings, &parts)
 }
 
 /// Gradients by colour matrices, in scenes that have them.
@@ -260,7 +275,7 @@ fn record_gather_colors(
         work_offsets: &frame.work_offsets,
         counters: &frame.scratch.counters,
         instances: &scene.instances,
-        source_gradients: &buffers.source_gradients,
+        look_gradients: &buffers.look_gradients,
         color_cotangents: &buffers.color_cotangents,
         sh0: &parameters.sh0,
         sh1: &parameters.sh1,
@@ -272,7 +287,9 @@ fn record_gather_colors(
     };
     let posed_rows = scene.posed_rows();
     let params = gather_color_gradients::Params { posed_rows };
-    recorder.dispatch(pipeline, Grid::groups(posed_rows), &params, bindings)
+    // What instances show comes first, and the first window has all of it (training sees to it).
+    let parts = scene.parts(&scene.windows.first());
+    recorder.dispatch_parts(pipeline, Grid::groups(posed_rows), &params, bindings, &parts)
 }
 
 fn record_gather_poses(

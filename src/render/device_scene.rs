@@ -4,7 +4,6 @@
 //! A row of the instance table shows one range of source Gaussians. An instance has a row for its template, after it one for
 //! its own Gaussians if it has any, and more for levels of detail.
 
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
@@ -85,7 +84,7 @@ pub struct DeviceScene {
 
 /// The clouds and offsets to upload.
 struct Content<'a> {
-    /// With the shapes that the device sees.
+    /// Of a packed scene, what stays in f32.
     scene: &'a InstancedScene,
     /// What of them is not in f32; nothing if `precision` is.
     packed: &'a PackedScene,
@@ -111,12 +110,11 @@ impl DeviceScene {
             _ => PackedScene::new(scene, &scene.offset_runs(), precision)?,
         };
         // Bounds are those of what is drawn.
-        let seen = match precision {
-            DevicePrecision::F32 => Cow::Borrowed(scene),
-            _ => Cow::Owned(packed.with_unpacked_shapes(scene)),
+        let tables = match precision {
+            DevicePrecision::F32 => build_tables(scene, chunk_size)?,
+            _ => build_tables(&packed.with_unpacked_shapes(scene), chunk_size)?,
         };
-        let tables = build_tables(&seen, chunk_size)?;
-        let content = Content { scene: &seen, packed: &packed, precision };
+        let content = Content { scene, packed: &packed, precision };
         Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)
     }
 
@@ -213,9 +211,8 @@ impl DeviceScene {
     /// # Errors
     /// More Gaussians than the device can hold.
     pub fn relayout(&mut self, gpu: &Arc<Gpu>, layout: &SourceLayout) -> Result<(), RenderError> {
-        check_limit(layout.source_count())?;
+        self.fit_windows(gpu, layout)?;
         let rows = parameter_rows(layout, &self.counts.rows);
-        self.windows = windows_of(gpu, &rows, self.sh_degree, self.precision, self.chunk_size)?;
         let before = download(gpu, &self.instances, self.posed_rows() as usize)?;
         let mut tables = unbounded_tables(layout, self.has(Parameter::ColorFromTemplate), self.chunk_size)?;
         let first_rows = layout.first_rows();
@@ -232,6 +229,17 @@ impl DeviceScene {
         self.counts.templates = layout.templates.len;
         self.counts.background = layout.background.len;
         self.counts.rows = rows;
+        Ok(())
+    }
+
+    /// Makes the windows fit the parameter buffers of another layout; the rest is that of the old one.
+    ///
+    /// # Errors
+    /// More Gaussians than the device can hold.
+    pub fn fit_windows(&mut self, gpu: &Gpu, layout: &SourceLayout) -> Result<(), RenderError> {
+        check_limit(layout.source_count())?;
+        let rows = parameter_rows(layout, &self.counts.rows);
+        self.windows = windows_of(gpu, &rows, self.sh_degree, self.precision, self.chunk_size)?;
         Ok(())
     }
 
@@ -350,7 +358,7 @@ impl DeviceScene {
     }
 
     /// What dispatches bind of the arrays of source Gaussians for one of the scene's windows; nothing if that is all of them.
-    pub(super) fn parts(&self, window: &SourceWindow) -> Vec<BufferPart> {
+    pub fn parts(&self, window: &SourceWindow) -> Vec<BufferPart> {
         if !self.windows.are_several() {
             return Vec::new();
         }

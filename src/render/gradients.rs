@@ -6,13 +6,14 @@ use std::sync::Arc;
 use crate::gpu::interface::constants::{CHANNELS, LOG_STEPS, STATUS_COUNT, STRIP};
 use crate::gpu::interface::types;
 use crate::gpu::staging::upload;
-use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::gpu::{Buffer, BufferPart, Gpu, GpuError};
 use crate::kernels::Variant;
 use crate::scene::{Parameter, ParameterSet, SourceLayout, SourceRange};
 
 use super::device_scene::DeviceScene;
 use super::parameter_buffers::ParameterBuffers;
 use super::plan::FramePlan;
+use super::source_windows::SourceWindow;
 
 /// Gradients by all parameters of a scene, in the layout of the [`DeviceScene`].
 pub struct GradientBuffers {
@@ -48,6 +49,13 @@ impl GradientBuffers {
             screen_statistics: Buffer::new(gpu, "no gradients", 1)?,
             record_statistics: Buffer::new(gpu, "no gradients", 1)?,
         })
+    }
+
+    /// What a window shows of the arrays by source.
+    pub(super) fn parts(&self, window: &SourceWindow) -> Vec<BufferPart> {
+        let mut parts = self.parameters.parts(window);
+        parts.push(window.part(&self.screen_statistics, Parameter::Means, size_of::<[f32; 3]>() as u64));
+        parts
     }
 
     /// Size of all buffers, bytes.
@@ -130,9 +138,11 @@ pub struct BackwardBuffers {
     pub error_sums: Buffer<[f32; 2]>,
     /// Contribution of an 8x8 block of pixels to the gradient of a splat, by emission index and block.
     pub isect_moments: Buffer<types::SplatMoments>,
-    /// Gradients by the Gaussians of instances, by work item and index in the chunk.
-    pub source_gradients: Buffer<types::SourceGradient>,
-    /// Gradients by colours after the instance's colour matrix, as `source_gradients`; one element without matrices.
+    /// Gradients by place and shape of the Gaussians of instances, by work item and index in the chunk.
+    pub shape_gradients: Buffer<types::ShapeGradient>,
+    /// Gradients by their colours and opacities, and what else is summed over instances, as `shape_gradients`.
+    pub look_gradients: Buffer<types::LookGradient>,
+    /// Gradients by colours after the instance's colour matrix, as `shape_gradients`; one element without matrices.
     pub color_cotangents: Buffer<[f32; 3]>,
     /// Gradients by poses, by work item and subgroup; one element without pose refinement.
     pub pose_sums: Buffer<types::PoseGradient>,
@@ -159,7 +169,8 @@ impl BackwardBuffers {
             ssim_sums: Buffer::new(gpu, "ssim_sums", strips)?,
             error_sums: Buffer::new(gpu, "error_sums", strips)?,
             isect_moments: Buffer::new(gpu, "isect_moments", moments)?,
-            source_gradients: Buffer::new(gpu, "source_gradients", plan.slots as usize)?,
+            shape_gradients: Buffer::new(gpu, "shape_gradients", plan.slots as usize)?,
+            look_gradients: Buffer::new(gpu, "look_gradients", plan.slots as usize)?,
             color_cotangents: Buffer::new(gpu, "color_cotangents", colored as usize)?,
             pose_sums: Buffer::new(gpu, "pose_sums", subgroups as usize)?,
         })
@@ -174,7 +185,8 @@ impl BackwardBuffers {
             + self.ssim_sums.bytes()
             + self.error_sums.bytes()
             + self.isect_moments.bytes()
-            + self.source_gradients.bytes()
+            + self.shape_gradients.bytes()
+            + self.look_gradients.bytes()
             + self.color_cotangents.bytes()
             + self.pose_sums.bytes()
     }

@@ -42,6 +42,12 @@ pub struct TrainView<'a> {
     pub options: RenderOptions,
 }
 
+/// Bytes of a splat slot in the widest of the arrays that have one.
+pub const LARGEST_OF_SLOT: u64 = {
+    let (splat, look) = (size_of::<types::Splat>(), size_of::<types::LookGradient>());
+    if splat > look { splat as u64 } else { look as u64 }
+};
+
 impl TrainFrame {
     /// Creates a frame for a device and variant.
     ///
@@ -112,10 +118,11 @@ impl TrainFrame {
         }
         let pairs = u32::try_from(scene.chunk_pairs).unwrap_or(u32::MAX).max(1);
         // Nothing is culled by chunk, so every pair becomes a work item.
-        let capacities = Capacities { candidates: pairs, work_items: pairs, intersections: self.intersections };
+        let intersections = self.intersections.min(self.most_intersections(&variant));
+        let capacities = Capacities { candidates: pairs, work_items: pairs, intersections };
         let group = variant.workgroup_size;
         let slots = u64::from(pairs) * u64::from(group);
-        let most_slots = self.gpu.caps().max_storage_bytes / size_of::<types::SourceGradient>() as u64;
+        let most_slots = self.gpu.caps().max_storage_bytes / LARGEST_OF_SLOT;
         if slots > most_slots {
             return Err(RenderError::TooMany {
                 what: "expanded Gaussians in training",
@@ -218,14 +225,18 @@ impl TrainFrame {
         if record.overflowed == 0 {
             return Ok(false);
         }
-        let tile_blocks = self.compiled_variant().blocks_per_tile();
-        let bytes_each = u64::from(tile_blocks) * size_of::<types::SplatMoments>() as u64;
-        let most = (self.gpu.caps().max_storage_bytes / bytes_each).min(u64::from(u32::MAX)) as u32;
+        let most = self.most_intersections(self.compiled_variant());
         check_fits("(splat, tile) pairs of a training view", record.intersections, most)?;
         let most_splats = max_slab_splats(&self.gpu, &self.variant);
         check_fits("visible Gaussians of a training view", record.visible, most_splats)?;
         self.intersections = self.intersections.max(grown(record.intersections, most));
         Ok(true)
+    }
+
+    /// The largest number of (splat, tile) pairs whose moments a binding has room for.
+    fn most_intersections(&self, variant: &Variant) -> u32 {
+        let bytes_each = u64::from(variant.blocks_per_tile()) * size_of::<types::SplatMoments>() as u64;
+        (self.gpu.caps().max_storage_bytes / bytes_each).min(u64::from(u32::MAX)) as u32
     }
 
     /// The kernels of the backward pass, Adam among them.

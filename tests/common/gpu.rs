@@ -28,6 +28,13 @@ pub(crate) fn gpu() -> Option<Arc<Gpu>> {
     .clone()
 }
 
+/// The device of the tests as if a binding had at most `bytes` bytes.
+pub(crate) fn with_bindings_of(gpu: &Gpu, bytes: u64) -> Arc<Gpu> {
+    let device = DeviceChoice::Name(gpu.caps().name.clone());
+    let options = GpuOptions { device, validation: true, most_binding_bytes: Some(bytes), ..Default::default() };
+    open_tuned(options).unwrap()
+}
+
 /// Fails on any message of the validation layers so far.
 pub(crate) fn assert_silent(gpu: &Gpu) {
     let messages = gpu.validation_messages().take();

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use instgs_reference::adam::{AdamOptions, AdamState, adam_step};
-use instgs_vk::gpu::staging::{download, upload, write};
+use instgs_vk::gpu::staging::{download, upload, upload_in_parts, write};
 use instgs_vk::gpu::{Buffer, Gpu, PipelineCache, Recorder};
 use instgs_vk::kernels::{BackwardPipelines, SceneTraits, Variant};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::{Adam, AdamBuffers, MomentBuffer, ValueGroups, zero_moments};
 
-use crate::common::gpu::{assert_silent, gpu};
+use crate::common::gpu::{assert_silent, gpu, with_bindings_of};
 
 /// Values that follow those which are stepped, and must stay.
 const TAIL: usize = 3;
@@ -37,7 +37,7 @@ impl DeviceAdam {
             workgroup_size: variant.workgroup_size,
             recorder: Recorder::new(gpu).unwrap(),
             status: upload(gpu, "status", &[0; 4]).unwrap(),
-            parameters: upload(gpu, "parameters", &padded).unwrap(),
+            parameters: upload_in_parts(gpu, "parameters", &padded).unwrap(),
             moments: zero_moments(gpu, "moments", padded.len()).unwrap(),
             count: parameters.len(),
         }
@@ -50,7 +50,7 @@ impl DeviceAdam {
     fn step_groups(&mut self, gradients: &[f32], step: u64, groups: ValueGroups) {
         assert_eq!(groups.counts[0] + groups.counts[1], self.count);
         let padded = [gradients, &[1.0; TAIL]].concat();
-        let gradients = upload(&self.gpu, "gradients", &padded).unwrap();
+        let gradients = upload_in_parts(&self.gpu, "gradients", &padded).unwrap();
         let AdamOptions { beta1, beta2, epsilon } = AdamOptions::default();
         let adam = Adam { beta1, beta2, epsilon, step };
         let (pipeline, size) = (&self.pipelines.adam, self.workgroup_size);
@@ -77,6 +77,27 @@ fn the_last_four_values_have_memory() {
         assert!(zero_moments(&gpu, "moments", count).unwrap().padded_bytes() >= 32 * quads, "{count}");
         assert!(upload(&gpu, "parameters", &vec![0.0f32; count]).unwrap().padded_bytes() >= 16 * quads, "{count}");
     }
+}
+
+/// Arrays that are larger than a binding take several dispatches, and get the same bytes; the groups meet within one of them.
+#[test]
+fn arrays_in_parts_get_the_same_bytes() {
+    let Some(gpu) = gpu() else { return };
+    let small = with_bindings_of(&gpu, 160 << 10);
+    let mut rng = Rng::new(3);
+    for count in [20_000, 50_001, 61_440] {
+        let start: Vec<f32> = (0..count).map(|_| rng.normal() as f32).collect();
+        let mut devices = [&gpu, &small].map(|gpu| DeviceAdam::new(gpu, &start));
+        for step in 1..=3 {
+            let g = gradients(&mut rng, count);
+            let split = 31_007.min(count - 1);
+            let groups = ValueGroups { counts: [split, count - split], rates: [0.01, 0.002] };
+            devices.iter_mut().for_each(|device| device.step_groups(&g, step, groups));
+        }
+        let [whole, parts] = devices.map(|device| device.download());
+        assert!(parts == whole, "{count}");
+    }
+    assert_silent(&small);
 }
 
 /// Gradients whose sizes differ by ten orders of magnitude from value to value and vary from step to step.

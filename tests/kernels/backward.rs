@@ -63,7 +63,7 @@ pub(crate) fn cotangents(case: &RandomCase) -> Vec<[f64; 4]> {
 }
 
 /// All tensors but those by transforms.
-fn compare(got: &SceneGradient, want: &SceneGradient) -> Vec<TensorComparison> {
+pub(crate) fn compare(got: &SceneGradient, want: &SceneGradient) -> Vec<TensorComparison> {
     let tensors = Tensor::ALL.iter().filter(|t| !matches!(t, Tensor::WorldFromTemplate));
     tensors.map(|t| TensorComparison::new(&format!("{t:?}"), t.of(got), t.of(want))).collect()
 }

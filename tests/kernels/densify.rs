@@ -154,7 +154,7 @@ pub(crate) fn strategy(gpu: &Arc<Gpu>, sh_degree: u32) -> Strategy {
 }
 
 /// Runs a case on the device.
-fn run(gpu: &Arc<Gpu>, case: &Case, config: &TrainConfig, done: u64) -> (DensifyOutcome, After) {
+pub(crate) fn run(gpu: &Arc<Gpu>, case: &Case, config: &TrainConfig, done: u64) -> (DensifyOutcome, After) {
     let mut state = upload_case(gpu, case);
     let outcome = strategy(gpu, case.cloud.sh_degree).after_step(&mut state, config, done, EXTENT).unwrap().unwrap();
     (outcome, download_state(gpu, &mut state))
@@ -392,20 +392,20 @@ fn caps_hold_exactly_and_the_largest_gradients_win() {
 fn a_device_of_small_bindings_is_filled_and_no_more() {
     let Some(shared) = gpu() else { return };
     let device = DeviceChoice::Name(shared.caps().name.clone());
-    let most = 2048;
-    let options = GpuOptions { device, validation: true, most_binding_bytes: Some(72 * most), ..Default::default() };
+    let most = 4096;
+    let options = GpuOptions { device, validation: true, most_binding_bytes: Some(40 * most), ..Default::default() };
     let small = Gpu::open(&options).unwrap();
-    let case = random_case(77, 1800, 0);
+    let case = random_case(77, 3600, 0);
     let limits = Limits { max_expanded: most as u32, ..limits(&config(&[]), 200) };
     let want = densify(&case.cloud, &case.statistics, &limits);
     let (outcome, got) = run(&small, &case, &config(&[]), 200);
     check(&small, &case, &limits, &want, &got);
     assert_eq!((u64::from(outcome.gaussians), outcome.device_full), (most, true));
     assert!(run(&shared, &case, &config(&[]), 200).0.gaussians > outcome.gaussians);
-    assert!(!run(&small, &case, &config(&["max_gaussians=1900"]), 200).0.device_full);
-    let scene = InstancedScene { background: random_case(3, 2049, 0).cloud, ..Default::default() };
+    assert!(!run(&small, &case, &config(&["max_gaussians=3800"]), 200).0.device_full);
+    let scene = InstancedScene { background: random_case(3, 4097, 0).cloud, ..Default::default() };
     let error = DeviceState::new(&small, &scene, 64).err().unwrap().to_string();
-    assert!(error.contains("2049") && error.contains("2048") && error.contains("Gaussians in training"), "{error}");
+    assert!(error.contains("4097") && error.contains("4096") && error.contains("Gaussians in training"), "{error}");
     assert_silent(&small);
 }
 

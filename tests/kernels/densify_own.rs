@@ -17,7 +17,7 @@ use crate::densify::{Case, EXTENT, allowed_error, bits, config, instanced_case, 
 
 /// A scene whose instances share no offsets, with colour matrices and own Gaussians of two of them, and the screen statistics of
 /// its offset records: one in four is well above the threshold of growth.
-fn case_with_own(seed: u64, sh_degree: u32) -> (InstancedScene, Case, Vec<[f32; 2]>) {
+pub(crate) fn case_with_own(seed: u64, sh_degree: u32) -> (InstancedScene, Case, Vec<[f32; 2]>) {
     let (mut scene, case) = instanced_case(seed, sh_degree);
     let mut rng = Rng::new(seed + 2);
     let records = 3 * 300 + 150;

@@ -24,7 +24,7 @@ fn one(count: usize) -> u32 {
 
 /// A case whose opacities are near multiples of the weights' step, so that rounding cannot decide; a third is dead, and
 /// one in twenty not finite.
-fn case(seed: u64, count: usize, sh_degree: u32) -> Case {
+pub(crate) fn case(seed: u64, count: usize, sh_degree: u32) -> Case {
     let mut case = random_case(seed, count, sh_degree);
     let mut rng = Rng::new(seed);
     let one = f64::from(one(count));
@@ -40,11 +40,11 @@ fn case(seed: u64, count: usize, sh_degree: u32) -> Case {
     case
 }
 
-fn mcmc_config(sets: &[&str]) -> TrainConfig {
+pub(crate) fn mcmc_config(sets: &[&str]) -> TrainConfig {
     config(&[&["strategy=mcmc", "mcmc.start=100"], sets].concat())
 }
 
-fn run(gpu: &Arc<Gpu>, case: &Case, config: &TrainConfig) -> (DensifyOutcome, After) {
+pub(crate) fn run(gpu: &Arc<Gpu>, case: &Case, config: &TrainConfig) -> (DensifyOutcome, After) {
     let mut state = upload_case(gpu, case);
     let outcome = strategy(gpu, case.cloud.sh_degree).after_step(&mut state, config, DONE, 4.0).unwrap().unwrap();
     (outcome, download_state(gpu, &mut state))

@@ -1,23 +1,27 @@
-//! Scenes whose arrays are larger than a binding: pictures have the same bytes as where all of it can be bound at once.
+//! Scenes whose arrays are larger than a binding: pictures and training have the same bytes as where all can be bound at once.
 
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
-use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
+use instgs_train::device_state::DeviceState;
+use instgs_train::state_file::to_checkpoint;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::gpu::staging::write;
+use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::render::{RenderOptions, Renderer};
+use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
-use crate::common::gpu::{assert_silent, gpu};
-
-/// The device of the tests as if a binding had at most `bytes` bytes.
-fn with_bindings_of(gpu: &Gpu, bytes: u64) -> Arc<Gpu> {
-    let device = DeviceChoice::Name(gpu.caps().name.clone());
-    let options = GpuOptions { device, validation: true, most_binding_bytes: Some(bytes), ..Default::default() };
-    Gpu::open(&options).unwrap()
-}
+use crate::backward::{compare, cotangents};
+use crate::common::gpu::{assert_silent, gpu, with_bindings_of};
+use crate::common::gpu_gradients::GradientRunner;
+use crate::common::random_scene::{RandomCase, rare_case};
+use crate::common::tensor::TensorComparison;
+use crate::densify_own::case_with_own;
+use crate::train_steps::{Data, bits, in_turn, instanced};
+use crate::{densify, mcmc, train_steps};
 
 /// Small Gaussians in heaps of 32, front to back: where there are too many chunks for a buffer, depth ranges can take them apart.
 fn cloud(rng: &mut Rng, count: usize, sh_degree: u32, radius: f64) -> Gaussians {
@@ -109,6 +113,125 @@ fn pictures_in_windows_have_the_same_bytes() {
         windowed.render(&on_device, &camera, &RenderOptions::default()).unwrap();
         assert!(windowed.download().unwrap() != whole.download().unwrap());
     }
+    assert_silent(&gpu);
+    assert_silent(&small);
+}
+
+/// The scene with many more Gaussians in its background, most of which nobody sees.
+fn with_many_more(scene: &InstancedScene, seed: u64) -> InstancedScene {
+    let mut out = scene.clone();
+    let mut more = cloud(&mut Rng::new(seed), 2400, 3, 1.5);
+    for (_, logit) in more.opacity_logits.iter_mut().enumerate().filter(|(k, _)| k % 8 != 0) {
+        *logit -= 20.0;
+    }
+    out.background = more;
+    out.validate().unwrap();
+    out
+}
+
+/// Gradients with bindings of 160 KiB, in two windows, are those of one up to rounding, as the kernels are compiled anew. Measured
+/// on lavapipe: no difference.
+#[test]
+fn gradients_in_windows_are_the_same() {
+    let Some(gpu) = gpu() else { return };
+    let small = with_bindings_of(&gpu, 160 << 10);
+    let variant = Variant::for_training(gpu.caps());
+    let [mut whole, mut windowed] = [&gpu, &small].map(|gpu| GradientRunner::new(gpu, variant));
+    let (mut worst, mut seen_behind): (f64, usize) = (0.0, 0);
+    // Pictures whose moments such a binding holds.
+    let is_small = |case: &RandomCase| case.camera.width * case.camera.height < 3400;
+    for mut case in (0..).map(rare_case).filter(is_small).take(12) {
+        let seed = case.seed;
+        case.scene = with_many_more(&case.scene, seed);
+        let cotangents = cotangents(&case);
+        let [want, got] = [&mut whole, &mut windowed].map(|runner| {
+            runner.set_intersections(3000);
+            runner.run(&case.scene, &case.camera, &case.options, &cotangents)
+        });
+        let chunk_size = variant.workgroup_size;
+        assert!(DeviceScene::unbounded(&small, &case.scene, chunk_size).unwrap().windows.are_several());
+        assert!(got.colors == want.colors, "seed {seed}");
+        for comparison in compare(&got.gradient, &want.gradient) {
+            worst = worst.max(comparison.relative_l2);
+            comparison.check(1e-5).unwrap();
+        }
+        let flat =
+            |statistics: &[[f32; 3]]| statistics.as_flattened().iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
+        let [got, want] = [flat(&got.screen_statistics), flat(&want.screen_statistics)];
+        seen_behind += usize::from(want[3 * 1700..].iter().any(|&v| v > 0.0));
+        TensorComparison::new("statistics", &got, &want).check(1e-5).unwrap();
+    }
+    println!("relative L2 error {worst:.1e}; Gaussians behind the first window are seen in {seen_behind} scenes");
+    assert!(seen_behind > 6);
+    assert_silent(&gpu);
+    assert_silent(&small);
+}
+
+/// Steps in two windows: the same bytes twice, and the losses of steps in one up to rounding.
+#[test]
+fn training_in_windows_is_repeatable_and_learns() {
+    let Some(gpu) = gpu() else { return };
+    let small = with_bindings_of(&gpu, 160 << 10);
+    let (truth, start, target) = instanced();
+    let data = Data::of(&with_many_more(&truth, 5), target);
+    let start = with_many_more(&start, 6);
+    let run = |gpu: &Arc<Gpu>| train_steps::run(gpu, &start, &data, Some(3000), (12, 3, in_turn));
+    let (whole, windowed) = (run(&gpu), run(&small));
+    assert!(bits(&run(&small).scene) == bits(&windowed.scene));
+    let losses = |run: &train_steps::Run| run.outcomes.iter().map(|o| o.mse).collect::<Vec<_>>();
+    let (whole, windowed) = (losses(&whole), losses(&windowed));
+    for (a, b) in windowed.iter().zip(&whole) {
+        // Where a gradient is all rounding, Adam follows it.
+        let allowed = if gpu.caps().is_llvmpipe { 0.0 } else { 0.02 };
+        assert!((a - b).abs() <= allowed * b, "{windowed:?}\n{whole:?}");
+    }
+    assert!(windowed[9] < 0.9 * windowed[0], "{windowed:?}");
+    assert_silent(&gpu);
+    assert_silent(&small);
+}
+
+/// Both strategies with bindings of 160 KiB, and clouds that grow from one window, or from two, into more.
+#[test]
+fn growth_in_windows_has_the_same_bytes() {
+    let Some(gpu) = gpu() else { return };
+    let small = with_bindings_of(&gpu, 160 << 10);
+    for (seed, count) in [(81, 1700), (82, 2500)] {
+        let case = densify::random_case(seed, count, 3);
+        let config = densify::config(&["max_gaussians=3800"]);
+        let (whole, windowed) = [&gpu, &small].map(|gpu| densify::run(gpu, &case, &config, 200)).into();
+        assert_eq!(windowed.0, whole.0);
+        assert!(whole.0.gaussians > 1950, "{}", whole.0.gaussians);
+        assert!(windowed.1 == whole.1, "densify, seed {seed}");
+        let config = mcmc::mcmc_config(&["max_gaussians=3800"]);
+        let (whole, windowed) = [&gpu, &small].map(|gpu| mcmc::run(gpu, &mcmc::case(seed, count, 3), &config)).into();
+        assert_eq!(windowed.0, whole.0);
+        assert!(windowed.1 == whole.1, "mcmc, seed {seed}");
+    }
+    assert_silent(&gpu);
+    assert_silent(&small);
+}
+
+/// Growth of templates, of single instances and of the background, with bindings of 256 KiB.
+#[test]
+fn scenes_of_instances_grow_in_windows() {
+    let Some(gpu) = gpu() else { return };
+    let small = with_bindings_of(&gpu, 256 << 10);
+    let (mut scene, mut case, records) = case_with_own(12, 2);
+    let more = densify::random_case(91, 3700, 2);
+    scene.background.append(&more.cloud);
+    case.statistics.extend(&more.statistics);
+    let config = densify::config(&["max_gaussians=6000", "joint.own_share=0.5"]);
+    let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
+    let [whole, windowed] = [&gpu, &small].map(|gpu| {
+        let mut state = DeviceState::new(gpu, &scene, chunk_size).unwrap();
+        assert_eq!(state.scene.windows.are_several(), Arc::ptr_eq(gpu, &small));
+        write(gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
+        write(gpu, &mut state.gradients.record_statistics, &records).unwrap();
+        let outcome = densify::strategy(gpu, 2).after_step(&mut state, &config, 400, densify::EXTENT).unwrap().unwrap();
+        assert!(outcome.own > 50 && outcome.cloned + outcome.split > 100, "{outcome:?}");
+        (state.download(gpu).unwrap(), to_checkpoint(gpu, &mut state, 400, false).unwrap())
+    });
+    assert!(windowed == whole);
     assert_silent(&gpu);
     assert_silent(&small);
 }

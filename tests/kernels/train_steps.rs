@@ -122,15 +122,15 @@ pub(crate) fn plan(step: u64, view: usize, sh_degree: u32) -> StepPlan {
 }
 
 /// What a run leaves.
-struct Run {
-    outcomes: Vec<StepOutcome>,
+pub(crate) struct Run {
+    pub(crate) outcomes: Vec<StepOutcome>,
     /// The last step that had been collected when a buffer was seen to have grown.
     grown_after: Vec<Option<u64>>,
-    scene: InstancedScene,
+    pub(crate) scene: InstancedScene,
 }
 
 /// Like [`run_with`], with all pictures on the device.
-fn run(
+pub(crate) fn run(
     gpu: &Arc<Gpu>,
     scene: &InstancedScene,
     data: &Data,
@@ -208,7 +208,7 @@ fn kinds(scene: &InstancedScene) -> Vec<(&'static str, Vec<f32>)> {
     .concat()
 }
 
-fn bits(scene: &InstancedScene) -> Vec<u32> {
+pub(crate) fn bits(scene: &InstancedScene) -> Vec<u32> {
     kinds(scene).iter().flat_map(|(_, values)| values.iter().map(|v| v.to_bits())).collect()
 }
 
@@ -217,7 +217,7 @@ fn all_finite(scene: &InstancedScene) -> bool {
 }
 
 /// A scene with templates, offsets of all kinds and a background, both of SH degree 2 or more, and itself with noise on everything.
-fn instanced() -> (InstancedScene, InstancedScene, glam::DVec3) {
+pub(crate) fn instanced() -> (InstancedScene, InstancedScene, glam::DVec3) {
     let fits = |scene: &InstancedScene| {
         let shared = scene.instances.iter().filter(|i| i.template == scene.instances[0].template).count() > 1;
         scene.offsets.len() > 20

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use instgs_vk::gpu::interface::types::SourceGradient;
 use instgs_vk::gpu::{Gpu, GpuError, Recorder};
 use instgs_vk::kernels::BackwardPipelines;
 use instgs_vk::optim::{AdamBuffers, Exposures, MomentBuffer, POSE_VALUES, PoseBuffers, ValueGroups, zero_moments};
+use instgs_vk::render::train_frame::LARGEST_OF_SLOT;
 use instgs_vk::render::{DeviceScene, GradientBuffers, ParameterBuffers, RenderError, SourceTables, StepLog};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
@@ -62,12 +62,10 @@ pub struct DeviceState {
     names: InstancedScene,
 }
 
-/// The largest number of source Gaussians of SH degree `sh_degree` that can be trained where a binding has at most
-/// `binding_bytes`. The largest arrays are Adam's moments, 8 bytes for each f32 of the quaternions or the highest SH
-/// band, and the gradients before they are summed per source Gaussian, which fill whole work-groups.
-pub fn most_in_training(binding_bytes: u64, sh_degree: u32) -> u32 {
-    let moments = 8 * u64::from(4.max(3 * (2 * sh_degree + 1)));
-    let most = binding_bytes / moments.max(size_of::<SourceGradient>() as u64);
+/// The largest number of Gaussians that can be trained where a binding has at most `binding_bytes`: arrays of parameters and
+/// moments are bound in parts, but those of a frame, with a place for every Gaussian of every work-group, as a whole.
+pub fn most_in_training(binding_bytes: u64) -> u32 {
+    let most = binding_bytes / LARGEST_OF_SLOT;
     // No work-group has more than 1024 invocations.
     (most - most % 1024).min(u64::from(u32::MAX)) as u32
 }
@@ -78,8 +76,7 @@ impl DeviceState {
     /// # Errors
     /// An inconsistent scene, or one beyond the device's limits.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
-        let sh_degree = scene.templates.sh_degree.max(scene.background.sh_degree);
-        let limit = u64::from(most_in_training(gpu.caps().max_storage_bytes, sh_degree));
+        let limit = u64::from(most_in_training(gpu.caps().max_storage_bytes));
         // Shared own Gaussians count once for each instance.
         let own: u64 = scene.own_ranges.iter().map(|range| u64::from(range.count)).sum();
         let needed = (scene.templates.len() + scene.background.len()) as u64 + own;
@@ -89,6 +86,7 @@ impl DeviceState {
         let scene = &scene.with_packed_own();
         let device_scene = DeviceScene::unbounded(gpu, scene, chunk_size)?;
         let layout = SourceLayout::of(scene);
+        check_posed(&device_scene, &layout)?;
         let names = InstancedScene {
             template_ranges: scene.template_ranges.clone(),
             instances: scene.instances.clone(),
@@ -122,6 +120,7 @@ impl DeviceState {
     /// More Gaussians than the device can hold.
     pub fn relayout(&mut self, gpu: &Arc<Gpu>, layout: SourceLayout) -> Result<(), RenderError> {
         self.scene.relayout(gpu, &layout)?;
+        check_posed(&self.scene, &layout)?;
         self.tables = SourceTables::new(gpu, &layout, self.scene.chunk_size)?;
         self.gradients = GradientBuffers::new(gpu, &self.scene)?;
         self.names.drop_parallel_tensors();
@@ -190,6 +189,17 @@ impl DeviceState {
     }
 }
 
+/// Kernels that have to do with single instances see the first window alone.
+fn check_posed(scene: &DeviceScene, layout: &SourceLayout) -> Result<(), RenderError> {
+    let limit = u64::from(scene.windows.first().shown.count);
+    match layout.posed().len as u64 {
+        needed if scene.windows.are_several() && needed > limit => {
+            Err(RenderError::TooMany { what: "Gaussians of templates and instances in training", needed, limit })
+        }
+        _ => Ok(()),
+    }
+}
+
 /// The learning rates of a parameter: those of templates (and instances' own) and background, or that of offsets and 0.
 fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
     let sources = |of: fn(&GaussianRates) -> f64| [&rates.template, &rates.background].map(of);
@@ -229,11 +239,9 @@ mod tests {
 
     #[test]
     fn training_has_room_for_what_its_largest_array_takes() {
-        // 128 MiB, the smallest limit in use: 168 bytes for the moments of SH band 3; without SH, 72 for gradients.
-        assert_eq!(most_in_training(128 << 20, 3), (128 << 20) / 168 / 1024 * 1024);
-        assert_eq!(most_in_training(128 << 20, 0), (128 << 20) / 72 / 1024 * 1024);
-        assert_eq!(most_in_training(72 * 2048, 0), 2048);
-        assert_eq!(most_in_training(72 * 2048 - 1, 0), 1024, "whole work groups");
-        assert_eq!((most_in_training(1000, 3), most_in_training(u64::MAX, 3)), (0, u32::MAX));
+        // 128 MiB, the smallest limit in use, and 40 bytes of a splat.
+        assert_eq!(most_in_training(128 << 20), (128 << 20) / 40 / 1024 * 1024);
+        assert_eq!((most_in_training(40 * 2048), most_in_training(40 * 2048 - 1)), (2048, 1024), "whole work groups");
+        assert_eq!((most_in_training(1000), most_in_training(u64::MAX)), (0, u32::MAX));
     }
 }

@@ -84,7 +84,12 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
     push(MOMENTS, "Gaussian", state.moments.bytes(), gaussians);
     if let Some((frame, backward)) = runner.frame().buffers() {
         let slots = u64::from(frame.plan.slots);
-        push(SLOTS, "Gaussian", slots * per_slot_bytes() + backward.source_gradients.bytes(), slots);
+        push(
+            SLOTS,
+            "Gaussian",
+            slots * per_slot_bytes() + backward.shape_gradients.bytes() + backward.look_gradients.bytes(),
+            slots,
+        );
         let intersections = u64::from(frame.plan.capacities.intersections);
         // With the slot by emission.
         push(

@@ -61,6 +61,7 @@ impl Limits {
         let split_above = if halves { 0.0 } else { densify.split_fraction * extent };
         Self {
             mark: densify_mark::Params {
+                first: 0,
                 count: 0,
                 split_count: densify.children(),
                 halves: u32::from(halves),
@@ -127,6 +128,7 @@ pub(super) fn densify(
     // Every array is copied once: what has served makes room first.
     let kept_for_own = (!inserted.is_empty()).then_some((needs, fates));
     tools.move_arrays(state, &moves, offset_moves.as_ref())?;
+    state.scene.fit_windows(&tools.gpu, &layout)?;
     if let Some((needs, fates)) = kept_for_own {
         needs.apply_offsets(tools, state, &fates, &inserted)?;
     }
@@ -228,32 +230,37 @@ fn record_mark(
     if let Some(recycling) = limits.recycling {
         recycling.retire(tools, state, &uses, &felt, &mut highest_logits)?;
     }
-    let bindings = densify_mark::Bindings {
-        means: &parameters.means,
-        quats: &parameters.quats,
-        log_scales: &parameters.log_scales,
-        opacity_logits: &parameters.opacity_logits,
-        sh0: &parameters.sh0,
-        sh1: &parameters.sh1,
-        sh2: &parameters.sh2,
-        sh3: &parameters.sh3,
-        screen_statistics: &state.gradients.screen_statistics,
-        uses: &uses,
-        highest_logits: &highest_logits,
-        log_world_scales: &log_world_scales,
-        own_counts: &needs.own_counts,
-        own_gradients: &needs.own_gradients,
-        keys: &mut sort.keys,
-        values: &mut sort.values,
-        counts: &mut fates.counts,
-        gains: &mut gains.gains,
-        growths: &mut fates.growths,
-        kept_expanded: &mut gains.kept_expanded,
-        gains_expanded: &mut gains.gains_expanded,
-    };
-    let params = densify_mark::Params { count, ..limits.mark };
-    let grid = tools.threads(count);
-    tools.recorder.dispatch(&tools.pipelines.densify_mark, grid, &params, bindings)
+    for window in state.scene.windows.iter() {
+        let bindings = densify_mark::Bindings {
+            means: &parameters.means,
+            quats: &parameters.quats,
+            log_scales: &parameters.log_scales,
+            opacity_logits: &parameters.opacity_logits,
+            sh0: &parameters.sh0,
+            sh1: &parameters.sh1,
+            sh2: &parameters.sh2,
+            sh3: &parameters.sh3,
+            screen_statistics: &state.gradients.screen_statistics,
+            uses: &uses,
+            highest_logits: &highest_logits,
+            log_world_scales: &log_world_scales,
+            own_counts: &needs.own_counts,
+            own_gradients: &needs.own_gradients,
+            keys: &mut sort.keys,
+            values: &mut sort.values,
+            counts: &mut fates.counts,
+            gains: &mut gains.gains,
+            growths: &mut fates.growths,
+            kept_expanded: &mut gains.kept_expanded,
+            gains_expanded: &mut gains.gains_expanded,
+        };
+        let first = window.shown.first;
+        let count = window.shown.count.min(count - first);
+        let params = densify_mark::Params { first, count, ..limits.mark };
+        let (grid, parts) = (tools.threads(count), state.scene.parts(&window));
+        tools.recorder.dispatch_parts(&tools.pipelines.densify_mark, grid, &params, bindings, &parts)?;
+    }
+    Ok(())
 }
 
 /// Index afterwards of the first Gaussian that comes from each boundary of the layout or from a later Gaussian.

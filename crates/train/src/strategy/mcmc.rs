@@ -91,21 +91,27 @@ fn record_weigh(
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
     let count = state.source_count() as u32;
-    let bindings = mcmc_weigh::Bindings {
-        means: &parameters.means,
-        quats: &parameters.quats,
-        log_scales: &parameters.log_scales,
-        opacity_logits: &parameters.opacity_logits,
-        sh0: &parameters.sh0,
-        sh1: &parameters.sh1,
-        sh2: &parameters.sh2,
-        sh3: &parameters.sh3,
-        weights,
-        copies,
-    };
-    let params = mcmc_weigh::Params { count, one: FINEST_WEIGHT.min(u32::MAX / count.max(1)), logit_min };
-    let grid = tools.threads(count);
-    tools.recorder.dispatch(&tools.pipelines.mcmc_weigh, grid, &params, bindings)
+    let one = FINEST_WEIGHT.min(u32::MAX / count.max(1));
+    for window in state.scene.windows.iter() {
+        let bindings = mcmc_weigh::Bindings {
+            means: &parameters.means,
+            quats: &parameters.quats,
+            log_scales: &parameters.log_scales,
+            opacity_logits: &parameters.opacity_logits,
+            sh0: &parameters.sh0,
+            sh1: &parameters.sh1,
+            sh2: &parameters.sh2,
+            sh3: &parameters.sh3,
+            weights: &mut *weights,
+            copies: &mut *copies,
+        };
+        let first = window.shown.first;
+        let count = window.shown.count.min(count - first);
+        let params = mcmc_weigh::Params { first, count, one, logit_min };
+        let (grid, parts) = (tools.threads(count), state.scene.parts(&window));
+        tools.recorder.dispatch_parts(&tools.pipelines.mcmc_weigh, grid, &params, bindings, &parts)?;
+    }
+    Ok(())
 }
 
 /// Divides opacity and size among the Gaussians at one position.

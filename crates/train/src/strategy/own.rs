@@ -170,6 +170,7 @@ impl Needs {
         let kinds = [traits.offset_sh_rest, traits.offset_log_scales, traits.offset_quats];
         let kinds = kinds.iter().enumerate().map(|(bit, &has)| u32::from(has) << bit).sum();
         let colored = state.scene.has(Parameter::ColorFromTemplate);
+        let parts = state.scene.parts(&state.scene.windows.first());
         for own in inserted {
             let parameters = &mut state.scene.parameters;
             let bindings = densify_own::Bindings {
@@ -203,7 +204,7 @@ impl Needs {
                 kinds,
             };
             let grid = tools.threads(own.count);
-            tools.recorder.dispatch(&tools.pipelines.densify_own, grid, &params, bindings)?;
+            tools.recorder.dispatch_parts(&tools.pipelines.densify_own, grid, &params, bindings, &parts)?;
         }
         tools.run()
     }

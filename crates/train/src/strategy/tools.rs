@@ -1,11 +1,12 @@
 //! Shared by the strategies: scratch buffers, and the reordering of every array.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::device_state::DeviceState;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::download;
-use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
+use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder, bound_runs};
 use instgs_vk::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
 use instgs_vk::render::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
 use instgs_vk::render::sort::{DigitTables, Sort, SortBuffers, record_sort};
@@ -129,13 +130,34 @@ impl Tools {
 
     /// Reorders an array of `width` f32 per Gaussian.
     fn move_array(&mut self, array: &mut Buffer<f32>, width: u32, moves: &Moves, made: Made) -> Result<(), GpuError> {
-        let count = moves.count * width;
-        let mut after = Buffer::new(&self.gpu, array.name(), count as usize)?;
-        let params = move_gaussians::Params { count, width, zero_made: u32::from(made == Made::IsZero) };
-        let bindings =
-            move_gaussians::Bindings { origins: &moves.origins, made: &moves.made, before: array, after: &mut after };
-        let grid = self.threads(count);
-        self.recorder.dispatch(&self.pipelines.move_gaussians, grid, &params, bindings)?;
+        let mut after = Buffer::in_parts(&self.gpu, array.name(), moves.count as usize * width as usize)?;
+        let row_bytes = 4 * u64::from(width);
+        let parts = |buffer: &Buffer<f32>, run: &Range<usize>| {
+            buffer.part(run.start as u64 * row_bytes, run.end as u64 * row_bytes)
+        };
+        let rows_before = array.len() / width as usize;
+        // Where the array is larger than a binding, each part of the new one is filled from each part of the old one.
+        for of_after in bound_runs(&self.gpu, moves.count as usize, row_bytes) {
+            for of_before in bound_runs(&self.gpu, rows_before, row_bytes) {
+                let params = move_gaussians::Params {
+                    count: of_after.len() as u32 * width,
+                    width,
+                    first_after: of_after.start as u32,
+                    first_before: of_before.start as u32,
+                    count_before: of_before.len() as u32,
+                    zero_made: u32::from(made == Made::IsZero),
+                };
+                let parts = [parts(array, &of_before), parts(&after, &of_after)];
+                let bindings = move_gaussians::Bindings {
+                    origins: &moves.origins,
+                    made: &moves.made,
+                    before: array,
+                    after: &mut after,
+                };
+                let grid = self.threads(params.count);
+                self.recorder.dispatch_parts(&self.pipelines.move_gaussians, grid, &params, bindings, &parts)?;
+            }
+        }
         self.run()?;
         *array = after;
         Ok(())
