@@ -13,6 +13,7 @@ struct StepRecord {
     uint intersections;      // (splat, tile) pairs
     uint candidates_needed;  // instance chunks of visible instances
     uint work_items_needed;  // visible chunks
+    uint longest_list;       // splats of the tile with the most of them, 0 where lists may have any length
     float ssim;              // mean over pixels and channels
     float l1;                // mean absolute error
     float mse;               // mean squared error

@@ -75,6 +75,15 @@ pub fn record_image_loss(
     recorder.dispatch(&p.image_loss_backward_columns, columns, &params, bindings)
 }
 
+/// What [`record_status`] has to know of a step.
+#[derive(Clone, Copy, Debug)]
+pub struct StepStatus {
+    /// The step's number, low 32 bits.
+    pub step: u32,
+    /// Splats of a tile that the device's loops have iterations for; `u32::MAX` = any number.
+    pub longest_list: u32,
+}
+
 /// Raises the overflow flag if the frame did not fit its buffers, and writes the record of the step.
 pub fn record_status(
     recorder: &mut Recorder,
@@ -82,7 +91,7 @@ pub fn record_status(
     frame: &FrameBuffers,
     buffers: &BackwardBuffers,
     log: &mut StepLog,
-    step: u32,
+    StepStatus { step, longest_list }: StepStatus,
 ) -> Result<(), GpuError> {
     let plan = &frame.plan;
     let params = train_status::Params {
@@ -91,11 +100,14 @@ pub fn record_status(
         work_item_capacity: plan.capacities.work_items,
         strips: column_strips(plan.size_px),
         values: 3.0 * plan.pixels() as f32,
+        tile_count: if longest_list == u32::MAX { 0 } else { plan.tile_count() },
+        longest_list,
     };
     let bindings = train_status::Bindings {
         counters: &frame.scratch.counters,
         ssim_sums: &buffers.ssim_sums,
         error_sums: &buffers.error_sums,
+        tile_ranges: &frame.tile_ranges,
         status: &mut log.status,
         step_records: &mut log.records,
     };

@@ -463,7 +463,7 @@ impl Renderer {
         view: types::View,
         options: &RenderOptions,
     ) -> ForwardInputs<'a> {
-        let max_slab_splats = max_slab_splats(gpu, &pipelines.variant);
+        let max_slab_splats = longest_list(gpu, &pipelines.variant);
         let (background, lod_error_px) = (options.background, options.lod_error_px);
         ForwardInputs { scene, pipelines, primitives, view, background, lod_error_px, max_slab_splats }
     }
@@ -561,9 +561,9 @@ fn is_last(counters: &Counters) -> bool {
     counters[COUNTER_SLAB_END as usize] >= counters[COUNTER_VISIBLE as usize]
 }
 
-/// Largest number of splats in a slab: a tile's list is at most as long as its slab, and the loops of the blends take some
-/// iterations per subgroup of splats; one in 16 iterations is reserved for the other loops of the kernels.
-pub(super) fn max_slab_splats(gpu: &Gpu, variant: &Variant) -> u32 {
+/// Largest number of splats in a tile's list, and so in a slab: the loops of the blends take some iterations per subgroup of splats;
+/// one in 16 iterations is reserved for the other loops of the kernels.
+pub(super) fn longest_list(gpu: &Gpu, variant: &Variant) -> u32 {
     let fitting = |most: u32| (most - most / 16) / variant.iterations_per_subgroup_of_splats();
     gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| fitting(most) * variant.subgroup_size)
 }

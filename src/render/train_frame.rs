@@ -9,7 +9,7 @@ use crate::gpu::{Gpu, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{BackwardPipelines, Pipelines, Primitives, Purpose, Variant};
 use crate::scene::Camera;
 
-use super::backward::{BackwardInputs, LossInputs, record_gradients, record_image_loss, record_status};
+use super::backward::{BackwardInputs, LossInputs, StepStatus, record_gradients, record_image_loss, record_status};
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::forward::{ForwardInputs, record_begin, record_slab, record_visibility, write_counters};
@@ -17,7 +17,7 @@ use super::frame_buffers::FrameBuffers;
 use super::gradients::{BackwardBuffers, GradientBuffers, SourceTables, StepLog};
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::render_options::{RenderOptions, view_of};
-use super::renderer::{check_fits, max_slab_splats, tile_size_for};
+use super::renderer::{check_fits, longest_list, tile_size_for};
 use super::self_test::self_test;
 
 /// Pipelines and buffers of training steps, for pictures up to a maximum size.
@@ -195,9 +195,10 @@ impl TrainFrame {
         log: &mut StepLog,
         step: u32,
     ) -> Result<(), RenderError> {
+        let longest_list = longest_list(&self.gpu, &self.variant);
         let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
         record_image_loss(recorder, &forward, pipelines, frame, buffers, loss)?;
-        record_status(recorder, pipelines, frame, buffers, log, step)?;
+        record_status(recorder, pipelines, frame, buffers, log, StepStatus { step, longest_list })?;
         Ok(())
     }
 
@@ -227,8 +228,8 @@ impl TrainFrame {
         }
         let most = self.most_intersections(self.compiled_variant());
         check_fits("(splat, tile) pairs of a training view", record.intersections, most)?;
-        let most_splats = max_slab_splats(&self.gpu, &self.variant);
-        check_fits("visible Gaussians of a training view", record.visible, most_splats)?;
+        let most_splats = longest_list(&self.gpu, &self.variant);
+        check_fits("Gaussians on one tile of a training view", record.longest_list, most_splats)?;
         self.intersections = self.intersections.max(grown(record.intersections, most));
         Ok(true)
     }
@@ -261,7 +262,6 @@ impl TrainFrame {
     /// The inputs and buffers of the passes, with the plan set to the size of the view.
     fn parts<'a>(&'a mut self, scene: &'a DeviceScene, view: &TrainView<'_>) -> Parts<'a> {
         let tile_size = self.compiled_variant().tile_size;
-        let max_slab_splats = max_slab_splats(&self.gpu, &self.variant);
         let (Some((pipelines, backward)), Some((frame, buffers))) = (&self.pipelines, &mut self.buffers) else {
             unreachable!("prepare runs before every recording")
         };
@@ -276,7 +276,8 @@ impl TrainFrame {
             background: view.options.background,
             // Training always uses full detail.
             lod_error_px: 0.0,
-            max_slab_splats,
+            // A step is one slab; `train_status` sees whether lists are too long.
+            max_slab_splats: u32::MAX,
         };
         Parts { forward, pipelines: backward, frame, buffers }
     }

@@ -7,7 +7,9 @@ use instgs_vk::gpu::interface::types::{self, StepRecord};
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
-use instgs_vk::render::{DeviceScene, GradientBuffers, LossInputs, SourceTables, StepLog, TrainFrame, TrainView};
+use instgs_vk::render::{
+    DeviceScene, GradientBuffers, LossInputs, RenderError, SourceTables, StepLog, TrainFrame, TrainView,
+};
 use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
 
 use super::gpu::device_options;
@@ -52,6 +54,17 @@ impl GradientRunner {
         options: &instgs_reference::RenderOptions,
         cotangents: &[[f64; 4]],
     ) -> DeviceGradient {
+        self.try_run(scene, camera, options, cotangents).unwrap()
+    }
+
+    /// The same as [`GradientRunner::run`], or the error of a view that does not fit.
+    pub(crate) fn try_run(
+        &mut self,
+        scene: &InstancedScene,
+        camera: &Camera,
+        options: &instgs_reference::RenderOptions,
+        cotangents: &[[f64; 4]],
+    ) -> Result<DeviceGradient, RenderError> {
         let gpu = self.gpu.clone();
         let chunk_size = self.frame.variant().workgroup_size;
         let device_scene = DeviceScene::unbounded(&gpu, scene, chunk_size).unwrap();
@@ -78,7 +91,7 @@ impl GradientRunner {
             self.frame.record_gradients(recorder, &device_scene, &tables, &view, &log, &mut gradients).unwrap();
             let ticket = recorder.submit().unwrap();
             recorder.wait(ticket).unwrap();
-            if !self.frame.grow(&record).unwrap() {
+            if !self.frame.grow(&record)? {
                 break;
             }
             redone += 1;
@@ -86,13 +99,13 @@ impl GradientRunner {
         let (frame, _) = self.frame.buffers().unwrap();
         let colors = download(&gpu, &frame.colors, cotangents.len()).unwrap();
         let records = if scene.own_ranges.is_empty() { 0 } else { scene.offsets.len() };
-        DeviceGradient {
+        Ok(DeviceGradient {
             gradient: scene_gradient(&gpu, scene, &gradients),
             colors,
             redone,
             screen_statistics: download(&gpu, &gradients.screen_statistics, scene.source_len()).unwrap(),
             record_statistics: download(&gpu, &gradients.record_statistics, records).unwrap(),
-        }
+        })
     }
 }
 

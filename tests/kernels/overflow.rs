@@ -6,6 +6,7 @@ use instgs_vk::render::{RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
 use crate::common::gpu::{assert_silent, device_options, gpu, render_picture};
+use crate::common::gpu_gradients::GradientRunner;
 use crate::common::random_scene::random_case;
 
 /// With the intersection buffer limited to a tenth of the need the picture has the same bytes: the blend state between
@@ -91,6 +92,46 @@ fn a_deep_pile_is_blended_to_the_end() {
     let below = renderer.download().unwrap().colors[6 * 8 + 6];
     assert!(below[3] > 0.3, "the splat in the middle of {deep} is there: {below:?}");
     assert!(gpu.caps().loop_iteration_limit.is_none() || stats.slabs > 1, "{} slabs", stats.slabs);
+    assert_silent(&gpu);
+}
+
+/// In training, a view may have any number of Gaussians, but a tile no more than the loops of the driver have iterations for.
+#[test]
+fn training_views_may_be_crowded_and_tiles_may_not() {
+    let Some(gpu) = gpu() else { return };
+    let variant = Variant::for_training(gpu.caps());
+    let Some(most) = gpu.caps().loop_iteration_limit else { return };
+    let count = (most * variant.subgroup_size) as usize;
+    let mut runner = GradientRunner::new(&gpu, variant);
+    runner.set_intersections(5 * count as u32);
+    let mut crowd = |width: u32| {
+        let mut cloud = Gaussians::with_capacity(0, count);
+        for i in 0..count {
+            // At depth 2 a unit is as wide as the picture; half of the Gaussians are in its middle.
+            let x = if i % 2 == 0 { 0.01 } else { i as f32 / count as f32 - 0.5 };
+            cloud.means.push([x * f32::from(width as u16) / 8.0, 0.01, 2.0]);
+            cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+            cloud.log_scales.push([0.005f32.ln(); 3]);
+            cloud.opacity_logits.push(-5.0);
+            cloud.sh.push([0.5; 3]);
+        }
+        let view_from_world = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+        let (cx, cy) = (f64::from(width) / 2.0, 4.0);
+        let camera = Camera { name: "crowd".into(), width, height: 8, fx: 16.0, fy: 16.0, cx, cy, view_from_world };
+        let options = instgs_reference::RenderOptions::default();
+        let cotangents = vec![[1.0; 4]; width as usize * 8];
+        runner.try_run(&InstancedScene::from_cloud(cloud), &camera, &options, &cotangents)
+    };
+    let spread = crowd(64).unwrap();
+    assert_eq!(spread.redone, 0);
+    let learns = |i: usize| spread.screen_statistics[i][1] > 0.0 && spread.gradient.background.opacity_logits[i] != 0.0;
+    let learning = (0..count).filter(|&i| learns(i)).count();
+    assert!(learning > 0, "{learning} of {count}");
+    let error = crowd(8).err().unwrap().to_string();
+    assert!(
+        error.contains("Gaussians on one tile of a training view") && error.contains(&count.to_string()),
+        "{error}"
+    );
     assert_silent(&gpu);
 }
 

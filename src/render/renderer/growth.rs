@@ -10,7 +10,7 @@ use super::super::image_frames::Needs;
 use super::super::layers::LayerNeeds;
 use super::super::plan::{Capacities, FramePlan, PAIR_BYTES, SLOT_BYTES, grown};
 use super::super::render_options::RenderOptions;
-use super::{Counters, Renderer, check_fits, max_slab_splats};
+use super::{Counters, Renderer, check_fits, longest_list};
 
 /// Largest intersection buffer that is grown to: 2^26 pairs take 1 GiB; beyond that, slabs.
 const MOST_INTERSECTIONS: u64 = 1 << 26;
@@ -117,7 +117,7 @@ impl Renderer {
             self.capacities.work_items = self.capacities.work_items.max(before.work_items);
             return Ok(());
         }
-        let most_splats = max_slab_splats(&self.gpu, &self.variant);
+        let most_splats = longest_list(&self.gpu, &self.variant);
         check_fits("splats of a picture in one depth slab", largest(|layer| layer.visible), most_splats)?;
         let needed = largest(|layer| layer.intersections);
         let most = self.most_intersections_of_device();
