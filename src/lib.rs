@@ -117,7 +117,7 @@
 //!   exposures         [photo]              exposure_backward, refine_exposure, recentre_exposures   gradients back by the scene's colours; Adam
 //!   status, records                        train_status                 overflow flag, loss, counts
 //!   isect_moments     [emission, block]    tile_blend_backward          replay front to back: 9 sums per splat and 8x8 block
-//!   shape_gradients,  [work item, local]   preprocess_instance_expand_backward   template frame; offsets go to their owner
+//!   shape_gradients, look_gradients [work item, local]   preprocess_instance_expand_backward   template frame; offsets go to their owner
 //!   gradients         [source]             gather_gradients             sums over instances, in instance order
 //!   pose_gradients    [instance]           gather_pose_gradients        if places of instances are refined
 //!   parameters, moments [source]           mcmc_regularise, adam, mcmc_noise     in place

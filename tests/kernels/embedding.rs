@@ -246,7 +246,7 @@ fn drawing_does_not_ask_for_what_training_needs() {
     let size = enough.caps().subgroup_sizes()[0];
     match Pipeline::<GatherGradients>::new(&enough, &cache, size, &[]).err() {
         Some(GpuError::TooManyBindings { kernel, needed, limit: 23, .. }) => {
-            assert_eq!((kernel.as_str(), needed), ("gather_gradients", 27));
+            assert_eq!((kernel.as_str(), needed), ("gather_gradients", 28));
         }
         other => panic!("{other:?}"),
     }

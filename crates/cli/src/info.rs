@@ -87,6 +87,7 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
     row("work-group", format!("{threads} threads, {subgroups} subgroups"));
     row("shared memory", format!("{} bytes", grouped(caps.shared_memory_bytes.into())));
     row("largest binding", format!("{} bytes", grouped(caps.max_storage_bytes)));
+    row("largest buffer", format!("{} bytes", grouped(caps.max_buffer_bytes)));
     row(
         "timestamps",
         match caps.timestamp_period_ns {
