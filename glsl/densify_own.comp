@@ -39,6 +39,8 @@ layout(scalar, push_constant) uniform DensifyOwnParams {
     uint first_offset;         // first record of the instance afterwards
     uint first_new;            // index of the first Gaussian that the instance gets
     uint color;                // index of its colour matrix, NO_COLOR if it has none
+    uint first_bound;          // the first new source Gaussian whose parameters are bound
+    uint count_bound;          // new source Gaussians from there on that this dispatch has to do with
     uint kinds;                // bits: 1 = there are offsets of SH bands above 0, 2 = of log scales, 4 = of quaternions
 };
 
@@ -70,20 +72,23 @@ void main() {
     uint i = thread_index();
     if (i >= count || needs[first_offset_before + i] == 0) return;
     uint j = first_new + needs_before[first_offset_before + i] - needs_before[first_offset_before];
+    // Where arrays are larger than a binding, the others are left to dispatches that see other parts.
+    uint bound = j - first_bound;
+    if (bound >= count_bound) return;
     uint record = first_offset + firsts[first_source_before + i] - first_source;
-    means[j] += offset_means[record];
-    opacity_logits[j] += offset_opacity_logits[record];
-    if ((kinds & 2) != 0) log_scales[j] += offset_log_scales[record];
-    if ((kinds & 4) != 0) quats[j] += offset_quats[record];
-    sh0[j] = linear_color(sh0[j] + offset_sh_dc[record]) + constant_color();
+    means[bound] += offset_means[record];
+    opacity_logits[bound] += offset_opacity_logits[record];
+    if ((kinds & 2) != 0) log_scales[bound] += offset_log_scales[record];
+    if ((kinds & 4) != 0) quats[bound] += offset_quats[record];
+    sh0[bound] = linear_color(sh0[bound] + offset_sh_dc[record]) + constant_color();
     uint degree = SH_DEGREE;
     if (degree > 0) {
-        for (uint m = 0; m < 3; ++m) sh1[3 * j + m] = linear_color(sh1[3 * j + m] + rest_offset(record, 1 + m));
+        for (uint m = 0; m < 3; ++m) sh1[3 * bound + m] = linear_color(sh1[3 * bound + m] + rest_offset(record, 1 + m));
     }
     if (degree > 1) {
-        for (uint m = 0; m < 5; ++m) sh2[5 * j + m] = linear_color(sh2[5 * j + m] + rest_offset(record, 4 + m));
+        for (uint m = 0; m < 5; ++m) sh2[5 * bound + m] = linear_color(sh2[5 * bound + m] + rest_offset(record, 4 + m));
     }
     if (degree > 2) {
-        for (uint m = 0; m < 7; ++m) sh3[7 * j + m] = linear_color(sh3[7 * j + m] + rest_offset(record, 9 + m));
+        for (uint m = 0; m < 7; ++m) sh3[7 * bound + m] = linear_color(sh3[7 * bound + m] + rest_offset(record, 9 + m));
     }
 }

@@ -3,7 +3,8 @@
 //
 // - Reads, per instance, the work items of its chunks that were not culled (as `gather_gradients` does), and there the gradient with
 //   respect to each Gaussian's colour (12 bytes) and its view direction, in which SH is evaluated again.
-// - Writes `color_from_template_gradients`, 48 bytes per instance; 0 for an instance out of sight.
+// - Writes `color_from_template_gradients`, 48 bytes per instance; 0 for an instance out of sight. With WINDOWED it adds what the
+//   instance's chunks in the window give, to zeros at first.
 // - Grid: one work-group per row of an instance besides the background; those of own Gaussians have no matrix. Each thread sums Gaussians of its own; three threads then sum the
 //   threads, one for each row, so that the order is always the same.
 //
@@ -13,6 +14,7 @@
 #include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
+#include "source_window.glsl"
 #include "gradients.glsl"
 
 layout(constant_id = 3) const uint SH_DEGREE = 3;
@@ -31,9 +33,10 @@ layout(scalar, binding = 10) readonly buffer Sh2 { vec3 sh2[]; };               
 layout(scalar, binding = 11) readonly buffer Sh3 { vec3 sh3[]; };                                    // SH band 3, 7 per Gaussian of degree 3
 layout(scalar, binding = 12) readonly buffer OffsetShDc { vec3 offset_sh_dc[]; };                    // offsets of SH coefficient 0
 layout(scalar, binding = 13) readonly buffer OffsetShRest { vec3 offset_sh_rest[]; };                // offsets of the other SH coefficients, if any
-layout(scalar, binding = 14) writeonly buffer ColorMatrixGradients { vec4 color_from_template_gradients[]; };  // rows of (M | b) by instance
+layout(scalar, binding = 14) buffer ColorMatrixGradients { vec4 color_from_template_gradients[]; };  // rows of (M | b) by instance
 layout(scalar, push_constant) uniform GatherColorGradientsParams {
-    uint posed_rows;  // rows of instances besides the background
+    uint posed_rows;      // rows of instances besides the background
+    SourceWindow window;  // WINDOWED: the source Gaussians that it sees
 };
 
 #include "sh_bands.glsl"
@@ -50,7 +53,10 @@ void main() {
     if (instance.color == NO_COLOR) return;
     vec4 rows[3];
     [[unroll]] for (uint r = 0; r < 3; ++r) rows[r] = vec4(0.0);
+    uint first_source = instance.first_source;
+    enter_window(window, instance.first_source, instance.first_in_band);
     for (uint chunk = 0; chunk < instance_chunks[k]; ++chunk) {
+        if (!in_window(window, first_source + chunk * WORKGROUP_SIZE)) continue;
         uint w = work_item_of(k, chunk);
         uint local = chunk * WORKGROUP_SIZE + lane;
         if (w == NO_WORK_ITEM || local >= instance.source_count) continue;
@@ -70,5 +76,6 @@ void main() {
     if (lane >= 3) return;
     vec4 sum = vec4(0.0);
     for (uint t = 0; t < WORKGROUP_SIZE; ++t) sum += partial_sums[3 * t + lane];
-    color_from_template_gradients[3 * instance.color + lane] = sum;
+    uint row = 3 * instance.color + lane;
+    color_from_template_gradients[row] = WINDOWED != 0 ? color_from_template_gradients[row] + sum : sum;
 }

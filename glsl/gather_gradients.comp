@@ -9,6 +9,7 @@
 //   `record_statistics`. Instances that share a record share its sums.
 // - If the scene has offsets of shape or of SH bands above 0 (ablations), writes their gradients, and computes those by
 //   shape per instance; records that are not drawn must hold zeros before.
+// - With WINDOWED a dispatch sees a window of the source Gaussians, and leaves out the chunks of other windows.
 // - Grid: one work-group per chunk. The order of the sum is that of the instances: no atomics.
 // - Does nothing after an overflow (see `train_status`).
 //

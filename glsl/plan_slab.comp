@@ -15,7 +15,7 @@
 //   capacity: an overflowed count reads as "does not fit", never as a small number.
 // - `max_splats` keeps each tile's list within a driver's loop limit: 15/16 of the limit times the subgroup size where
 //   there is one (lavapipe: 65535 iterations), since `tile_blend` takes one iteration per subgroup of splats; else
-//   2^32 - 1.
+//   2^32 - 1, and so in training, where a step is one slab and `train_status` looks at the lists.
 //
 // Twin: `instgs_reference::plan_slab`. Tests: `tests/kernels/plan_slab.rs`, `overflow.rs`.
 #extension GL_GOOGLE_include_directive : require

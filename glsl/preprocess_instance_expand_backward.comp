@@ -8,6 +8,7 @@
 //   offsets, each of which belongs to one thread.
 // - With POSES, writes the gradient by the instance's pose, summed over each subgroup: 28 bytes per subgroup of a work
 //   item, except for the background.
+// - With WINDOWED a dispatch sees a window of the source Gaussians, and leaves out the work items of other windows.
 // - Grid: one work-group per work item, indirect; threads beyond the survivors only help to sum long lists.
 // - Exact derivatives of the forward pass: conic by -P G P, antialias compensation with its floor, the slope clamp (no
 //   gradient to x where clamped; z keeps its own), the colour clamp at 0, SH direction into the mean.

@@ -11,7 +11,7 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
 
 use super::context::Gpu;
-use super::error::GpuError;
+use super::error::{BUFFER_LIMIT, GpuError, STORAGE_LIMIT};
 use super::timeline::Ticket;
 
 /// Elements of `T` in device memory (or host-visible memory, for staging). Dropping it never waits: the memory is freed when
@@ -130,7 +130,8 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     /// # Errors
     /// The buffer is larger than the device allows, or memory is exhausted; the error names the buffer.
     pub fn in_parts(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
-        Self::within(gpu, name, len, MemoryLocation::GpuOnly, gpu.caps().max_buffer_bytes)
+        let limit = (gpu.caps().max_buffer_bytes, BUFFER_LIMIT);
+        Self::within(gpu, name, len, MemoryLocation::GpuOnly, limit)
     }
 
     /// A host-visible buffer that the host writes and the device reads.
@@ -144,14 +145,20 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     }
 
     fn with_location(gpu: &Arc<Gpu>, name: &str, len: usize, location: MemoryLocation) -> Result<Self, GpuError> {
-        Self::within(gpu, name, len, location, gpu.caps().max_storage_bytes)
+        Self::within(gpu, name, len, location, (gpu.caps().max_storage_bytes, STORAGE_LIMIT))
     }
 
-    /// A buffer of at most `limit` bytes.
-    fn within(gpu: &Arc<Gpu>, name: &str, len: usize, location: MemoryLocation, limit: u64) -> Result<Self, GpuError> {
+    /// A buffer of at most `limit` bytes, and what Vulkan calls this limit.
+    fn within(
+        gpu: &Arc<Gpu>,
+        name: &str,
+        len: usize,
+        location: MemoryLocation,
+        (limit, limit_name): (u64, &'static str),
+    ) -> Result<Self, GpuError> {
         let bytes = (len.max(1) as u64).saturating_mul(size_of::<T>() as u64);
         if bytes > limit {
-            return Err(GpuError::BufferTooLarge { name: name.into(), bytes, limit });
+            return Err(GpuError::BufferTooLarge { name: name.into(), bytes, limit, limit_name });
         }
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
             | vk::BufferUsageFlags::INDIRECT_BUFFER

@@ -7,7 +7,7 @@ use ash::vk;
 use super::tuning::Tuning;
 
 /// Limits and features of one device that kernels and plans depend on.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct DeviceCaps {
     /// Device name as the driver gives it.
     pub name: String,
@@ -33,7 +33,7 @@ pub struct DeviceCaps {
     pub shared_memory_bytes: u32,
     /// Largest storage-buffer binding, bytes; a multiple of 32.
     pub max_storage_bytes: u64,
-    /// Largest buffer, bytes. Kernels see one that is larger than a binding in parts (`BufferPart`).
+    /// Largest buffer, bytes; a multiple of 32. Kernels see one that is larger than a binding in parts (`BufferPart`).
     pub max_buffer_bytes: u64,
     /// Largest work-group count along one dimension.
     pub max_workgroup_count: u32,
@@ -92,10 +92,10 @@ impl DeviceCaps {
             max_workgroup_subgroups: v13.max_compute_workgroup_subgroups,
             max_workgroup_invocations: core.limits.max_compute_work_group_invocations,
             shared_memory_bytes: core.limits.max_compute_shared_memory_size,
-            // Buffers are padded to multiples of 32 bytes and bound as a whole.
+            // Buffers are padded to multiples of 32 bytes.
             max_storage_bytes: u64::from(core.limits.max_storage_buffer_range) / 32 * 32,
             // Both are at least 1 GiB.
-            max_buffer_bytes: v13.max_buffer_size.min(v11.max_memory_allocation_size),
+            max_buffer_bytes: v13.max_buffer_size.min(v11.max_memory_allocation_size) / 32 * 32,
             max_workgroup_count: core.limits.max_compute_work_group_count[0]
                 .min(core.limits.max_compute_work_group_count[1]),
             max_storage_buffers: core.limits.max_per_stage_descriptor_storage_buffers,

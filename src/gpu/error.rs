@@ -2,6 +2,11 @@
 
 use ash::vk;
 
+/// Vulkan's name of the largest binding.
+pub const STORAGE_LIMIT: &str = "maxStorageBufferRange";
+/// Vulkan's name of the largest buffer.
+pub(super) const BUFFER_LIMIT: &str = "maxBufferSize or maxMemoryAllocationSize";
+
 /// An error of the device layer or of Vulkan.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
@@ -44,9 +49,9 @@ pub enum GpuError {
         /// Vulkan's result code.
         result: vk::Result,
     },
-    /// A buffer larger than one storage binding may be.
+    /// A buffer larger than a storage binding, or a buffer at all, may be.
     #[error(
-        "buffer {name} needs {bytes} bytes, but this device binds at most {limit} (maxStorageBufferRange); \
+        "buffer {name} needs {bytes} bytes, but this device has a limit of {limit} ({limit_name}); \
          render fewer Gaussians or a smaller image, or use a device with a larger limit"
     )]
     BufferTooLarge {
@@ -54,8 +59,10 @@ pub enum GpuError {
         name: String,
         /// Size of the buffer, bytes.
         bytes: u64,
-        /// Largest binding of the device, bytes.
+        /// Largest binding of the device, or its largest buffer, bytes.
         limit: u64,
+        /// Which of the two, as Vulkan calls it.
+        limit_name: &'static str,
     },
     /// Device memory is exhausted.
     #[error("out of device memory for {name} ({bytes} bytes): {reason}; render fewer Gaussians or a smaller image")]

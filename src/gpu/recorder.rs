@@ -229,7 +229,7 @@ impl Recorder {
     /// Dispatches `grid` work-groups of a kernel.
     ///
     /// # Errors
-    /// The grid exceeds the device's limit, or the pipeline or a buffer is of another device.
+    /// The grid exceeds the device's limit, a buffer is larger than a binding, or the pipeline or a buffer is of another device.
     pub fn dispatch<K: Kernel>(
         &mut self,
         pipeline: &Pipeline<K>,
@@ -267,7 +267,7 @@ impl Recorder {
     /// Dispatches a kernel with the work-group counts in element `index` of `args` (three u32 each).
     ///
     /// # Errors
-    /// The pipeline or a buffer is of another device.
+    /// A buffer is larger than a binding, or the pipeline or a buffer is of another device.
     ///
     /// # Panics
     /// If `args` has no such element.

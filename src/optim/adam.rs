@@ -96,7 +96,7 @@ impl Adam {
         for run in bound_runs(recorder.gpu(), count, size_of::<[f32; 2]>() as u64) {
             let params = adam::Params {
                 count: run.len() as u32,
-                split: split.clamp(run.start, run.end) as u32 - run.start as u32,
+                split: (split.clamp(run.start, run.end) - run.start) as u32,
                 rates: groups.rates.map(|rate| self.corrected(rate)),
                 beta1: self.beta1 as f32,
                 beta2: self.beta2 as f32,

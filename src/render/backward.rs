@@ -280,28 +280,32 @@ fn record_gather_colors(
     let Some(pipeline) = &inputs.pipelines.gather_color_gradients else { return Ok(()) };
     let scene = inputs.forward.scene;
     let parameters = &scene.parameters;
-    let bindings = gather_color_gradients::Bindings {
-        instance_chunks: &frame.instance_chunks,
-        candidate_offsets: &frame.candidate_offsets,
-        candidate_visible: &frame.candidate_visible,
-        work_offsets: &frame.work_offsets,
-        counters: &frame.scratch.counters,
-        instances: &scene.instances,
-        look_gradients: &buffers.look_gradients,
-        color_cotangents: &buffers.color_cotangents,
-        sh0: &parameters.sh0,
-        sh1: &parameters.sh1,
-        sh2: &parameters.sh2,
-        sh3: &parameters.sh3,
-        offset_sh_dc: &parameters.offset_sh_dc,
-        offset_sh_rest: &parameters.offset_sh_rest,
-        color_from_template_gradients: &mut gradients.parameters.color_from_template,
-    };
-    let posed_rows = scene.posed_rows();
-    let params = gather_color_gradients::Params { posed_rows };
-    // What instances show comes first, and the first window has all of it (training sees to it).
-    let parts = scene.parts(&scene.windows.first());
-    recorder.dispatch_parts(pipeline, Grid::groups(posed_rows), &params, bindings, &parts)
+    if scene.windows.are_several() {
+        recorder.fill(&mut gradients.parameters.color_from_template, 0)?;
+    }
+    for window in scene.windows.iter() {
+        let bindings = gather_color_gradients::Bindings {
+            instance_chunks: &frame.instance_chunks,
+            candidate_offsets: &frame.candidate_offsets,
+            candidate_visible: &frame.candidate_visible,
+            work_offsets: &frame.work_offsets,
+            counters: &frame.scratch.counters,
+            instances: &scene.instances,
+            look_gradients: &buffers.look_gradients,
+            color_cotangents: &buffers.color_cotangents,
+            sh0: &parameters.sh0,
+            sh1: &parameters.sh1,
+            sh2: &parameters.sh2,
+            sh3: &parameters.sh3,
+            offset_sh_dc: &parameters.offset_sh_dc,
+            offset_sh_rest: &parameters.offset_sh_rest,
+            color_from_template_gradients: &mut gradients.parameters.color_from_template,
+        };
+        let posed_rows = scene.posed_rows();
+        let params = gather_color_gradients::Params { posed_rows, window: window.shown };
+        recorder.dispatch_parts(pipeline, Grid::groups(posed_rows), &params, bindings, &scene.parts(&window))?;
+    }
+    Ok(())
 }
 
 fn record_gather_poses(

@@ -28,7 +28,7 @@ pub struct ForwardInputs<'a> {
     pub background: [f32; 3],
     /// Largest cell of a level of detail that is shown, pixels; 0 = everything at full detail.
     pub lod_error_px: f32,
-    /// Largest number of splats in a slab (see `DeviceCaps::loop_iteration_limit`).
+    /// Largest number of splats in a slab (see `DeviceCaps::loop_iteration_limit`); any in training, where a step is one slab.
     pub max_slab_splats: u32,
 }
 

@@ -29,7 +29,13 @@ macro_rules! parameter_buffers {
                     rows[parameter].iter().sum::<usize>() * parameter.width() / parameter.element()
                 };
                 Ok(Self {
-                    $($field: Buffer::in_parts(gpu, &name(Parameter::$variant), elements(Parameter::$variant))?,)*
+                    $($field: {
+                        let (name, elements) = (name(Parameter::$variant), elements(Parameter::$variant));
+                        match $owner {
+                            Owner::Source | Owner::ShBand(_) => Buffer::in_parts(gpu, &name, elements)?,
+                            Owner::Offset | Owner::Instance => Buffer::new(gpu, &name, elements)?,
+                        }
+                    },)*
                 })
             }
 

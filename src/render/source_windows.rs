@@ -58,11 +58,6 @@ impl SourceWindows {
         self.total() > self.each
     }
 
-    /// The first window.
-    pub fn first(&self) -> SourceWindow {
-        self.window(0)
-    }
-
     /// The windows in order; one with everything if the arrays fit.
     pub fn iter(&self) -> impl Iterator<Item = SourceWindow> + use<'_> {
         let count = if self.are_several() { self.total().div_ceil(self.each) } else { 1 };

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use instgs_vk::gpu::{Gpu, GpuError, Recorder};
+use instgs_vk::gpu::{DeviceCaps, Gpu, GpuError, Recorder};
 use instgs_vk::kernels::BackwardPipelines;
 use instgs_vk::optim::{AdamBuffers, Exposures, MomentBuffer, POSE_VALUES, PoseBuffers, ValueGroups, zero_moments};
 use instgs_vk::render::train_frame::LARGEST_OF_SLOT;
@@ -62,10 +62,12 @@ pub struct DeviceState {
     names: InstancedScene,
 }
 
-/// The largest number of Gaussians that can be trained where a binding has at most `binding_bytes`: arrays of parameters and
-/// moments are bound in parts, but those of a frame, with a place for every Gaussian of every work-group, as a whole.
-pub fn most_in_training(binding_bytes: u64) -> u32 {
-    let most = binding_bytes / LARGEST_OF_SLOT;
+/// The largest number of Gaussians of SH degree `sh_degree` that can be trained on a device. The arrays of a frame, which have
+/// a slot for every thread of every work-group, are bound whole; parameters, gradients and moments in parts, but an array is one
+/// buffer. The largest are Adam's moments, 8 bytes for each f32 of the quaternions or the highest SH band.
+pub fn most_in_training(caps: &DeviceCaps, sh_degree: u32) -> u32 {
+    let moments = 8 * u64::from(4.max(3 * (2 * sh_degree + 1)));
+    let most = (caps.max_storage_bytes / LARGEST_OF_SLOT).min(caps.max_buffer_bytes / moments);
     // No work-group has more than 1024 invocations.
     (most - most % 1024).min(u64::from(u32::MAX)) as u32
 }
@@ -76,7 +78,8 @@ impl DeviceState {
     /// # Errors
     /// An inconsistent scene, or one beyond the device's limits.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
-        let limit = u64::from(most_in_training(gpu.caps().max_storage_bytes));
+        let sh_degree = scene.templates.sh_degree.max(scene.background.sh_degree);
+        let limit = u64::from(most_in_training(gpu.caps(), sh_degree));
         // Shared own Gaussians count once for each instance.
         let own: u64 = scene.own_ranges.iter().map(|range| u64::from(range.count)).sum();
         let needed = (scene.templates.len() + scene.background.len()) as u64 + own;
@@ -86,7 +89,6 @@ impl DeviceState {
         let scene = &scene.with_packed_own();
         let device_scene = DeviceScene::unbounded(gpu, scene, chunk_size)?;
         let layout = SourceLayout::of(scene);
-        check_posed(&device_scene, &layout)?;
         let names = InstancedScene {
             template_ranges: scene.template_ranges.clone(),
             instances: scene.instances.clone(),
@@ -120,7 +122,6 @@ impl DeviceState {
     /// More Gaussians than the device can hold.
     pub fn relayout(&mut self, gpu: &Arc<Gpu>, layout: SourceLayout) -> Result<(), RenderError> {
         self.scene.relayout(gpu, &layout)?;
-        check_posed(&self.scene, &layout)?;
         self.tables = SourceTables::new(gpu, &layout, self.scene.chunk_size)?;
         self.gradients = GradientBuffers::new(gpu, &self.scene)?;
         self.names.drop_parallel_tensors();
@@ -189,17 +190,6 @@ impl DeviceState {
     }
 }
 
-/// Kernels that have to do with single instances see the first window alone.
-fn check_posed(scene: &DeviceScene, layout: &SourceLayout) -> Result<(), RenderError> {
-    let limit = u64::from(scene.windows.first().shown.count);
-    match layout.posed().len as u64 {
-        needed if scene.windows.are_several() && needed > limit => {
-            Err(RenderError::TooMany { what: "Gaussians of templates and instances in training", needed, limit })
-        }
-        _ => Ok(()),
-    }
-}
-
 /// The learning rates of a parameter: those of templates (and instances' own) and background, or that of offsets and 0.
 fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
     let sources = |of: fn(&GaussianRates) -> f64| [&rates.template, &rates.background].map(of);
@@ -239,9 +229,18 @@ mod tests {
 
     #[test]
     fn training_has_room_for_what_its_largest_array_takes() {
-        // 128 MiB, the smallest limit in use, and 40 bytes of a splat.
-        assert_eq!(most_in_training(128 << 20), (128 << 20) / 40 / 1024 * 1024);
-        assert_eq!((most_in_training(40 * 2048), most_in_training(40 * 2048 - 1)), (2048, 1024), "whole work groups");
-        assert_eq!((most_in_training(1000), most_in_training(u64::MAX)), (0, u32::MAX));
+        let device = |max_storage_bytes, max_buffer_bytes| DeviceCaps {
+            max_storage_bytes,
+            max_buffer_bytes,
+            ..DeviceCaps::default()
+        };
+        // 128 MiB, the smallest binding in use, and 40 bytes of a splat; 1 GiB, the smallest buffer that Vulkan allows, and 168
+        // bytes for the moments of SH band 3.
+        assert_eq!(most_in_training(&device(128 << 20, 1 << 30), 3), (128 << 20) / 40 / 1024 * 1024);
+        assert_eq!(most_in_training(&device(1 << 30, 1 << 30), 3), (1 << 30) / 168 / 1024 * 1024);
+        assert_eq!(most_in_training(&device(1 << 30, 1 << 30), 0), (1 << 30) / 40 / 1024 * 1024);
+        let most = |bytes| most_in_training(&device(bytes, 1 << 30), 0);
+        assert_eq!((most(40 * 2048), most(40 * 2048 - 1), most(1000)), (2048, 1024, 0), "whole work groups");
+        assert_eq!(most_in_training(&device(u64::MAX, u64::MAX), 3), u32::MAX);
     }
 }

@@ -77,7 +77,7 @@ impl Strategy {
         done: u64,
         extent: f64,
     ) -> Result<Option<DensifyOutcome>, RenderError> {
-        let most = most_in_training(self.tools.gpu.caps().max_storage_bytes);
+        let most = most_in_training(self.tools.gpu.caps(), state.scene.sh_degree);
         // Every instance begins a chunk of its own, and another one for what it alone has.
         let rows = state.scene.posed_instances().saturating_mul(1 + u32::from(!state.layout.own_ranges.is_empty()));
         let most = most.saturating_sub(rows.saturating_mul(state.scene.chunk_size));

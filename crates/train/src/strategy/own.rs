@@ -6,6 +6,7 @@ use instgs_vk::gpu::staging::download_elements;
 use instgs_vk::gpu::{Buffer, GpuError, Grid};
 use instgs_vk::kernels::{densify_own, densify_own_need, densify_own_select, densify_place_own};
 use instgs_vk::render::scan::ScanInput;
+use instgs_vk::render::source_windows::SourceWindow;
 use instgs_vk::scene::{Parameter, SourceLayout};
 
 use super::densify::{Fates, Limits};
@@ -170,8 +171,9 @@ impl Needs {
         let kinds = [traits.offset_sh_rest, traits.offset_log_scales, traits.offset_quats];
         let kinds = kinds.iter().enumerate().map(|(bit, &has)| u32::from(has) << bit).sum();
         let colored = state.scene.has(Parameter::ColorFromTemplate);
-        let parts = state.scene.parts(&state.scene.windows.first());
-        for own in inserted {
+        let windows: Vec<SourceWindow> = state.scene.windows.iter().collect();
+        for (own, window) in inserted.iter().flat_map(|own| windows.iter().map(move |window| (own, window))) {
+            let parts = state.scene.parts(window);
             let parameters = &mut state.scene.parameters;
             let bindings = densify_own::Bindings {
                 needs: &self.records,
@@ -201,6 +203,8 @@ impl Needs {
                 first_offset: own.first_offset[1],
                 first_new: own.first_new,
                 color: if colored { own.instance } else { NO_COLOR },
+                first_bound: window.shown.first,
+                count_bound: window.shown.count,
                 kinds,
             };
             let grid = tools.threads(own.count);

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::device_state::DeviceState;
+use instgs_vk::gpu::error::STORAGE_LIMIT;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::download;
 use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder, bound_runs};
@@ -50,6 +51,15 @@ enum Made {
     Inherits,
     /// They start at zero, as moments do.
     IsZero,
+}
+
+/// Offsets are bound whole.
+fn check_bound_whole(gpu: &Gpu, name: &str, rows: u32, width: u32) -> Result<(), GpuError> {
+    let (bytes, limit) = (4 * u64::from(rows) * u64::from(width), gpu.caps().max_storage_bytes);
+    if bytes > limit {
+        return Err(GpuError::BufferTooLarge { name: name.into(), bytes, limit, limit_name: STORAGE_LIMIT });
+    }
+    Ok(())
 }
 
 impl Tools {
@@ -121,6 +131,9 @@ impl Tools {
             };
             if let Some(moves) = moves {
                 let width = (rows_each * parameter.width()) as u32;
+                if parameter.owner() == Owner::Offset {
+                    check_bound_whole(&self.gpu, values.name(), moves.count, width)?;
+                }
                 self.move_array(values, width, moves, Made::Inherits)?;
                 self.move_array(of_values.scalars_mut(), 2 * width, moves, Made::IsZero)?;
             }
