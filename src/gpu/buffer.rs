@@ -7,11 +7,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
-use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
 
 use super::context::Gpu;
 use super::error::{BUFFER_LIMIT, GpuError, STORAGE_LIMIT};
+use super::memory::MemoryUse;
 use super::timeline::Ticket;
 
 /// Elements of `T` in device memory (or host-visible memory, for staging). Dropping it never waits: the memory is freed when
@@ -28,6 +28,7 @@ pub(crate) struct BufferMemory {
     gpu: Arc<Gpu>,
     handle: vk::Buffer,
     allocation: Option<Allocation>,
+    memory_use: MemoryUse,
     bytes: u64,
     name: String,
     /// Number of the last recording that keeps this buffer (see `Recorder::keep`).
@@ -86,7 +87,7 @@ impl Drop for BufferMemory {
         // SAFETY: the recordings and submissions that use the handle share this value, and the last of them is gone.
         unsafe { self.gpu.device.destroy_buffer(self.handle, None) };
         if let Some(allocation) = self.allocation.take() {
-            self.gpu.memory.free(allocation);
+            self.gpu.memory.free(allocation, self.memory_use);
         }
     }
 }
@@ -97,6 +98,25 @@ pub struct BufferPart {
     pub(super) buffer: vk::Buffer,
     pub(super) offset: u64,
     pub(super) bytes: u64,
+}
+
+/// Where a buffer lives that kernels read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Home {
+    /// In device memory.
+    #[default]
+    Device,
+    /// In host memory: kernels read it over the bus. It does not count against the budget of device memory.
+    Host,
+}
+
+impl Home {
+    fn memory_use(self) -> MemoryUse {
+        match self {
+            Self::Device => MemoryUse::Device,
+            Self::Host => MemoryUse::DeviceOnHost,
+        }
+    }
 }
 
 /// Parts begin at multiples of this: the largest `minStorageBufferOffsetAlignment` that Vulkan allows.
@@ -122,30 +142,37 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     /// # Errors
     /// The buffer is larger than a storage binding may be, or memory is exhausted; the error names the buffer.
     pub fn new(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
-        Self::with_location(gpu, name, len, MemoryLocation::GpuOnly)
+        Self::for_use(gpu, name, len, MemoryUse::Device)
     }
 
-    /// The same as [`Buffer::new`], but it may be larger than a binding: then dispatches bind parts of it.
+    /// The same as [`Buffer::new`], but it may be larger than a binding: then dispatches bind parts of it. It lives at `home`.
     ///
     /// # Errors
     /// The buffer is larger than the device allows, or memory is exhausted; the error names the buffer.
-    pub fn in_parts(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
-        let limit = (gpu.caps().max_buffer_bytes, BUFFER_LIMIT);
-        Self::within(gpu, name, len, MemoryLocation::GpuOnly, limit)
+    pub fn in_parts(gpu: &Arc<Gpu>, name: &str, len: usize, home: Home) -> Result<Self, GpuError> {
+        Self::within(gpu, name, len, home.memory_use(), (gpu.caps().max_buffer_bytes, BUFFER_LIMIT))
+    }
+
+    /// The same as [`Buffer::new`], at `home`.
+    ///
+    /// # Errors
+    /// The same errors as [`Buffer::new`].
+    pub fn at(gpu: &Arc<Gpu>, name: &str, len: usize, home: Home) -> Result<Self, GpuError> {
+        Self::for_use(gpu, name, len, home.memory_use())
     }
 
     /// A host-visible buffer that the host writes and the device reads.
     pub fn for_upload(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
-        Self::with_location(gpu, name, len, MemoryLocation::CpuToGpu)
+        Self::for_use(gpu, name, len, MemoryUse::Upload)
     }
 
     /// A host-visible buffer that the device writes and the host reads.
     pub fn for_readback(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
-        Self::with_location(gpu, name, len, MemoryLocation::GpuToCpu)
+        Self::for_use(gpu, name, len, MemoryUse::Readback)
     }
 
-    fn with_location(gpu: &Arc<Gpu>, name: &str, len: usize, location: MemoryLocation) -> Result<Self, GpuError> {
-        Self::within(gpu, name, len, location, (gpu.caps().max_storage_bytes, STORAGE_LIMIT))
+    fn for_use(gpu: &Arc<Gpu>, name: &str, len: usize, memory_use: MemoryUse) -> Result<Self, GpuError> {
+        Self::within(gpu, name, len, memory_use, (gpu.caps().max_storage_bytes, STORAGE_LIMIT))
     }
 
     /// A buffer of at most `limit` bytes, and what Vulkan calls this limit.
@@ -153,7 +180,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         gpu: &Arc<Gpu>,
         name: &str,
         len: usize,
-        location: MemoryLocation,
+        memory_use: MemoryUse,
         (limit, limit_name): (u64, &'static str),
     ) -> Result<Self, GpuError> {
         let bytes = (len.max(1) as u64).saturating_mul(size_of::<T>() as u64);
@@ -171,6 +198,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
             gpu: gpu.clone(),
             handle,
             allocation: None,
+            memory_use,
             bytes,
             name: name.into(),
             last_recording: AtomicU64::new(0),
@@ -178,7 +206,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         };
         // SAFETY: the handle was just created by this device.
         let requirements = unsafe { gpu.device.get_buffer_memory_requirements(handle) };
-        let allocation = memory.allocation.insert(gpu.allocate(name, requirements, location)?);
+        let allocation = memory.allocation.insert(gpu.allocate(name, requirements, memory_use)?);
         // SAFETY: memory and offset come from the allocator for these requirements, and are bound once.
         let bound = unsafe { gpu.device.bind_buffer_memory(handle, allocation.memory(), allocation.offset()) };
         bound.map_err(GpuError::vulkan(name))?;

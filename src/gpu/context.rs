@@ -5,7 +5,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::{ext, vk};
-use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::Allocation;
 use raw_window_handle::RawDisplayHandle;
 
@@ -15,7 +14,7 @@ use super::device::{OwnedDevice, RawDevice, check_features, queue_family_propert
 use super::error::GpuError;
 use super::faults::{Fate, Faults};
 use super::instance::{OwnedInstance, choose_device, enumerate};
-use super::memory::Memory;
+use super::memory::{Memory, MemoryUse};
 use super::pipeline::PipelineStore;
 use super::statistics::DriverStatistics;
 use super::timeline::{SubmissionCounts, Ticket, Timeline};
@@ -369,17 +368,17 @@ impl Gpu {
         &self,
         name: &str,
         requirements: vk::MemoryRequirements,
-        location: MemoryLocation,
+        memory_use: MemoryUse,
     ) -> Result<Allocation, GpuError> {
         self.release_finished();
         if self.faults.as_ref().is_some_and(|faults| faults.refuses_allocation()) {
             let (name, bytes) = (name.into(), requirements.size);
             return Err(GpuError::OutOfMemory { name, bytes, missing: bytes, reason: "a test refuses it".into() });
         }
-        match self.memory.allocate(name, requirements, location) {
+        match self.memory.allocate(name, requirements, memory_use) {
             Err(GpuError::OutOfMemory { .. }) if !self.is_over(self.timeline.last()) => {
                 self.wait_all()?;
-                self.memory.allocate(name, requirements, location)
+                self.memory.allocate(name, requirements, memory_use)
             }
             allocated => allocated,
         }

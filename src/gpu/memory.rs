@@ -10,6 +10,34 @@ use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, 
 
 use super::error::GpuError;
 
+/// What a buffer's memory is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum MemoryUse {
+    /// The device alone reads and writes it.
+    Device,
+    /// The host writes it, the device reads it.
+    Upload,
+    /// The device writes it, the host reads it.
+    Readback,
+    /// As `Device`, but it is host memory, which kernels read over the bus, and does not count against the budget.
+    DeviceOnHost,
+}
+
+impl MemoryUse {
+    fn location(self) -> MemoryLocation {
+        match self {
+            Self::Device => MemoryLocation::GpuOnly,
+            Self::Upload => MemoryLocation::CpuToGpu,
+            // That of read-backs is never device memory; that of uploads may be.
+            Self::Readback | Self::DeviceOnHost => MemoryLocation::GpuToCpu,
+        }
+    }
+
+    fn counts(self) -> bool {
+        self != Self::DeviceOnHost
+    }
+}
+
 /// The allocator and its totals. Dropping it frees all device memory, so it must be dropped before the device.
 pub(crate) struct Memory {
     allocator: Mutex<Allocator>,
@@ -50,14 +78,14 @@ impl Memory {
         &self,
         name: &str,
         requirements: vk::MemoryRequirements,
-        location: MemoryLocation,
+        memory_use: MemoryUse,
     ) -> Result<Allocation, GpuError> {
         let bytes = requirements.size;
         let fail = |missing: u64, reason: String| GpuError::OutOfMemory { name: name.into(), bytes, missing, reason };
         let mut allocator = self.allocator.lock().map_err(|_| fail(0, "the allocator is poisoned".into()))?;
         let (used, budget) = (self.current_bytes.load(Ordering::Relaxed), self.budget_bytes.load(Ordering::Relaxed));
         let needed = used.saturating_add(bytes);
-        if needed > budget {
+        if memory_use.counts() && needed > budget {
             let reason = format!("the budget is {}, and {}", readable(budget), uses(&allocator, used));
             return Err(fail(needed - budget, reason));
         }
@@ -65,19 +93,24 @@ impl Memory {
             .allocate(&AllocationCreateDesc {
                 name,
                 requirements,
-                location,
+                location: memory_use.location(),
                 linear: true,
                 allocation_scheme: AllocationScheme::GpuAllocatorManaged,
             })
             .map_err(|e| e.to_string());
         let allocation = allocation.map_err(|e| fail(bytes, format!("{e}, and {}", uses(&allocator, used))))?;
-        let now = self.current_bytes.fetch_add(allocation.size(), Ordering::Relaxed) + allocation.size();
-        self.peak_bytes.fetch_max(now, Ordering::Relaxed);
+        if memory_use.counts() {
+            let now = self.current_bytes.fetch_add(allocation.size(), Ordering::Relaxed) + allocation.size();
+            self.peak_bytes.fetch_max(now, Ordering::Relaxed);
+        }
         Ok(allocation)
     }
 
-    pub(crate) fn free(&self, allocation: Allocation) {
-        self.current_bytes.fetch_sub(allocation.size(), Ordering::Relaxed);
+    /// Frees an allocation that was made for the same use.
+    pub(crate) fn free(&self, allocation: Allocation, memory_use: MemoryUse) {
+        if memory_use.counts() {
+            self.current_bytes.fetch_sub(allocation.size(), Ordering::Relaxed);
+        }
         if let Ok(mut allocator) = self.allocator.lock() {
             // Freeing fails only for an allocation of another allocator, which cannot occur here.
             let _ = allocator.free(allocation);

@@ -32,7 +32,7 @@ mod tuning;
 pub mod validation;
 
 pub use ash::vk;
-pub use buffer::{Buffer, BufferPart, PART_ALIGNMENT, bound_runs};
+pub use buffer::{Buffer, BufferPart, Home, PART_ALIGNMENT, bound_runs};
 pub use caps::DeviceCaps;
 pub use context::{DeviceChoice, Gpu, GpuOptions, QueueLock};
 pub use device::{RawDevice, RequiredFeatures};

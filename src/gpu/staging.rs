@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::buffer::Buffer;
+use super::buffer::{Buffer, Home};
 use super::context::Gpu;
 use super::error::GpuError;
 use super::recorder::Recorder;
@@ -23,9 +23,14 @@ pub fn upload<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, name: &str, data: &[T]) -> 
     Ok(buffer)
 }
 
-/// The same as [`upload`], into a buffer that dispatches may bind in parts ([`Buffer::in_parts`]).
-pub fn upload_in_parts<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, name: &str, data: &[T]) -> Result<Buffer<T>, GpuError> {
-    let mut buffer = Buffer::in_parts(gpu, name, data.len())?;
+/// The same as [`upload`], into a buffer at `home` that dispatches may bind in parts ([`Buffer::in_parts`]).
+pub fn upload_in_parts<T: bytemuck::NoUninit>(
+    gpu: &Arc<Gpu>,
+    name: &str,
+    data: &[T],
+    home: Home,
+) -> Result<Buffer<T>, GpuError> {
+    let mut buffer = Buffer::in_parts(gpu, name, data.len(), home)?;
     write(gpu, &mut buffer, data)?;
     Ok(buffer)
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::STATUS_COUNT;
-use crate::gpu::{Buffer, Gpu, GpuError, Grid, Pipeline, Recorder, bound_runs};
+use crate::gpu::{Buffer, Gpu, GpuError, Grid, Home, Pipeline, Recorder, bound_runs};
 use crate::kernels::adam;
 
 /// First and second moment of every value of a parameter buffer.
@@ -11,7 +11,7 @@ pub type MomentBuffer = Buffer<[f32; 2]>;
 
 /// Zero moments for a buffer of `values` f32.
 pub fn zero_moments(gpu: &Arc<Gpu>, name: &str, values: usize) -> Result<MomentBuffer, GpuError> {
-    let mut moments = Buffer::in_parts(gpu, name, values)?;
+    let mut moments = Buffer::in_parts(gpu, name, values, Home::Device)?;
     let mut recorder = Recorder::new(gpu)?;
     recorder.fill(&mut moments, 0)?;
     let ticket = recorder.submit()?;

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use crate::gpu::interface::types;
 use crate::gpu::staging::{download, upload};
-use crate::gpu::{Buffer, BufferPart, Gpu, GpuError, Recorder};
+use crate::gpu::{Buffer, BufferPart, Gpu, GpuError, Home, Recorder};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::Levels;
@@ -56,6 +56,8 @@ pub struct DeviceScene {
     pub packed: PackedBuffers,
     /// How the scene is held.
     pub precision: DevicePrecision,
+    /// Where `parameters` and `packed` live.
+    pub home: Home,
     /// Number of rows, background included.
     pub instance_count: u32,
     /// Largest SH degree of templates and background.
@@ -82,13 +84,27 @@ pub struct DeviceScene {
     table: Option<InstanceTable>,
 }
 
+/// How a device is to hold a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Holding {
+    /// How precisely.
+    pub precision: DevicePrecision,
+    /// A scene that would take most of the device's memory, or of its budget, stays in host memory, where kernels read the chunks
+    /// that may be seen over the bus: as much as ever, but slower.
+    pub on_host_if_large: bool,
+}
+
+/// A scene of more than this part of the device's memory leaves too little for frames: each depth slab or range costs a pass over
+/// what is in view.
+const LARGE: f64 = 0.75;
+
 /// The clouds and offsets to upload.
 struct Content<'a> {
     /// Of a packed scene, what stays in f32.
     scene: &'a InstancedScene,
     /// What of them is not in f32; nothing if `precision` is.
     packed: &'a PackedScene,
-    precision: DevicePrecision,
+    holding: Holding,
 }
 
 impl DeviceScene {
@@ -97,12 +113,8 @@ impl DeviceScene {
     /// # Errors
     /// Inconsistent indices, more than 2^32 - 1 expanded Gaussians, a scene that does not fit `precision`, or a buffer beyond
     /// the device's limits.
-    pub fn new(
-        gpu: &Arc<Gpu>,
-        scene: &InstancedScene,
-        chunk_size: u32,
-        precision: DevicePrecision,
-    ) -> Result<Self, RenderError> {
+    pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32, holding: Holding) -> Result<Self, RenderError> {
+        let precision = holding.precision;
         scene.validate()?;
         check_limit(scene.source_len())?;
         let packed = match precision {
@@ -114,7 +126,7 @@ impl DeviceScene {
             DevicePrecision::F32 => build_tables(scene, chunk_size)?,
             _ => build_tables(&packed.with_unpacked_shapes(scene), chunk_size)?,
         };
-        let content = Content { scene, packed: &packed, precision };
+        let content = Content { scene, packed: &packed, holding };
         Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)
     }
 
@@ -128,7 +140,7 @@ impl DeviceScene {
         check_limit(scene.source_len())?;
         let mut tables = build_tables(scene, chunk_size)?;
         tables.widen();
-        let content = Content { scene, packed: &PackedScene::default(), precision: DevicePrecision::F32 };
+        let content = Content { scene, packed: &PackedScene::default(), holding: Holding::default() };
         let out = Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)?;
         Ok(Self { table: None, own_may_grow: !scene.own_ranges.is_empty(), ..out })
     }
@@ -142,8 +154,9 @@ impl DeviceScene {
         gpu: &Arc<Gpu>,
         scene: &InstancedScene,
         chunk_size: u32,
-        precision: DevicePrecision,
+        holding: Holding,
     ) -> Result<Self, RenderError> {
+        let precision = holding.precision;
         scene.validate()?;
         let mut levels = Levels::of(scene);
         let sources = levels.templates.len() + levels.own.len() + levels.background.len();
@@ -158,7 +171,7 @@ impl DeviceScene {
         levels.swap_pool(&mut pool);
         let tables = build_level_tables(&levels, chunk_size)?;
         levels.swap_pool(&mut pool);
-        let content = Content { scene: &pool, packed: &packed, precision };
+        let content = Content { scene: &pool, packed: &packed, holding };
         let out = Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)?;
         Ok(Self { expanded_len: scene.expanded_len(), coarser: Some(levels.coarser), ..out })
     }
@@ -171,20 +184,25 @@ impl DeviceScene {
         tables: Tables,
         chunk_size: u32,
     ) -> Result<Self, RenderError> {
-        let Content { scene, packed, precision } = *content;
+        let Content { scene, packed, holding: Holding { precision, on_host_if_large } } = *content;
         let sh_degree = scene.sh_degree();
         let rows = scene.parameter_rows();
         let is_f32 = |parameter| precision == DevicePrecision::F32 || stays_f32(parameter);
         let rows_in_f32 = ParameterSet::from_fn(|p| if is_f32(p) { rows[p] } else { [0, 0] });
         let windows = windows_of(gpu, &rows, sh_degree, precision, chunk_size)?;
+        let f32_bytes = |(p, rows): (Parameter, &Rows)| 4 * (rows.iter().sum::<usize>() * p.width()) as u64;
+        let bytes = rows_in_f32.iter().map(f32_bytes).sum::<u64>() + packed.bytes();
+        let is_large = bytes as f64 > LARGE * gpu.memory_budget() as f64;
+        let home = if on_host_if_large && is_large { Home::Host } else { Home::Device };
         Ok(Self {
             windows,
             own_may_grow: false,
             first_rows: layout.first_rows(),
             instances: upload(gpu, "instances", &tables.instances)?,
             chunks: upload(gpu, "chunks", &tables.chunks)?,
-            parameters: ParameterBuffers::upload(gpu, scene, &rows_in_f32)?,
-            packed: PackedBuffers::upload(gpu, packed)?,
+            parameters: ParameterBuffers::upload(gpu, scene, &rows_in_f32, home)?,
+            packed: PackedBuffers::upload(gpu, packed, home)?,
+            home,
             precision,
             instance_count: tables.instances.len() as u32,
             sh_degree,
@@ -365,9 +383,17 @@ impl DeviceScene {
         [self.parameters.parts(window), self.packed.parts(window)].concat()
     }
 
-    /// Size of all buffers, bytes.
+    /// Size of all buffers, bytes, wherever they are.
     pub fn bytes(&self) -> u64 {
         self.instances.bytes() + self.chunks.bytes() + self.parameters.bytes() + self.packed.bytes()
+    }
+
+    /// Size of the buffers in host memory, bytes.
+    pub fn host_bytes(&self) -> u64 {
+        match self.home {
+            Home::Device => 0,
+            Home::Host => self.parameters.bytes() + self.packed.bytes(),
+        }
     }
 }
 

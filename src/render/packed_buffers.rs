@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::{CODED_CHANNELS, RECORDS_PER_RANGE};
-use crate::gpu::staging::{upload, upload_in_parts};
-use crate::gpu::{Buffer, BufferPart, Gpu, GpuError};
+use crate::gpu::staging::{upload, upload_in_parts, write};
+use crate::gpu::{Buffer, BufferPart, Gpu, GpuError, Home};
 use crate::scene::{DevicePrecision, InstancedScene, Owner, Parameter};
 
 use super::device_scene::PlannedBytes;
@@ -27,29 +27,35 @@ pub struct PackedBuffers {
 const BUFFERS: u64 = 12;
 
 impl PackedBuffers {
-    /// Uploads a packed scene.
+    /// Uploads a packed scene to buffers at `home`.
     ///
     /// # Errors
     /// A buffer exceeds the device's limits; the error names it.
-    pub fn upload(gpu: &Arc<Gpu>, scene: &PackedScene) -> Result<Self, GpuError> {
+    pub fn upload(gpu: &Arc<Gpu>, scene: &PackedScene, home: Home) -> Result<Self, GpuError> {
         let [sh0, sh1, sh2, sh3] = &scene.sh;
         let [means, sh_dc, log_scales, quats] = &scene.offsets;
+        let of_sources = |name: &str, words: &[u32]| upload_in_parts(gpu, name, words, home);
+        let of_offsets = |name: &str, words: &[u32]| -> Result<Buffer<u32>, GpuError> {
+            let mut buffer = Buffer::at(gpu, name, words.len(), home)?;
+            write(gpu, &mut buffer, words)?;
+            Ok(buffer)
+        };
         Ok(Self {
-            shapes: upload_in_parts(gpu, "packed shapes", &scene.shapes)?,
-            quats: upload_in_parts(gpu, "packed quats", &scene.quats)?,
+            shapes: of_sources("packed shapes", &scene.shapes)?,
+            quats: of_sources("packed quats", &scene.quats)?,
             sh: [
-                upload_in_parts(gpu, "packed SH band 0", sh0)?,
-                upload_in_parts(gpu, "packed SH band 1", sh1)?,
-                upload_in_parts(gpu, "packed SH band 2", sh2)?,
-                upload_in_parts(gpu, "packed SH band 3", sh3)?,
+                of_sources("packed SH band 0", sh0)?,
+                of_sources("packed SH band 1", sh1)?,
+                of_sources("packed SH band 2", sh2)?,
+                of_sources("packed SH band 3", sh3)?,
             ],
             offsets: [
-                upload(gpu, "packed offsets of means", means)?,
-                upload(gpu, "packed offsets of SH 0", sh_dc)?,
-                upload(gpu, "packed offsets of scales", log_scales)?,
-                upload(gpu, "packed offsets of quats", quats)?,
+                of_offsets("packed offsets of means", means)?,
+                of_offsets("packed offsets of SH 0", sh_dc)?,
+                of_offsets("packed offsets of scales", log_scales)?,
+                of_offsets("packed offsets of quats", quats)?,
             ],
-            offset_sh_rest: upload(gpu, "packed offsets of SH", &scene.offset_sh_rest)?,
+            offset_sh_rest: of_offsets("packed offsets of SH", &scene.offset_sh_rest)?,
             offset_ranges: upload(gpu, "ranges of offsets", &scene.offset_ranges)?,
         })
     }

@@ -84,6 +84,13 @@ const CODED: [Channels; 5] = [
 const BANDS: [Parameter; 4] = [Parameter::Sh0, Parameter::Sh1, Parameter::Sh2, Parameter::Sh3];
 
 impl PackedScene {
+    /// Bytes of all arrays.
+    pub fn bytes(&self) -> u64 {
+        let words = [&self.shapes, &self.quats, &self.offset_sh_rest].into_iter().chain(&self.sh).chain(&self.offsets);
+        let words: usize = words.map(Vec::len).sum();
+        4 * (words + self.offset_ranges.len()) as u64
+    }
+
     /// Packs the clouds and offsets of a scene for a precision below f32; `runs` say which Gaussian an offset record belongs
     /// to. Finite numbers beyond f16 become its largest.
     ///

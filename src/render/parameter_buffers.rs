@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::gpu::staging::{download, write};
-use crate::gpu::{Buffer, BufferPart, Gpu, GpuError};
+use crate::gpu::{Buffer, BufferPart, Gpu, GpuError, Home};
 use crate::scene::parameters::{Parameter, ParameterSet, Rows, for_parameters};
 use crate::scene::{InstancedScene, Owner};
 
@@ -19,11 +19,19 @@ macro_rules! parameter_buffers {
         }
 
         impl ParameterBuffers {
-            /// Allocates buffers of `rows` rows with undefined contents; their names start with `prefix`.
+            /// Allocates buffers of `rows` rows with undefined contents in device memory; their names start with `prefix`.
             ///
             /// # Errors
             /// A buffer exceeds the device's limits; the error names it.
             pub fn new(gpu: &Arc<Gpu>, prefix: &str, rows: &ParameterSet<Rows>) -> Result<Self, GpuError> {
+                Self::at(gpu, prefix, rows, Home::Device)
+            }
+
+            /// The same as [`ParameterBuffers::new`], at `home`.
+            ///
+            /// # Errors
+            /// The same errors as [`ParameterBuffers::new`].
+            pub fn at(gpu: &Arc<Gpu>, prefix: &str, rows: &ParameterSet<Rows>, home: Home) -> Result<Self, GpuError> {
                 let name = |parameter: Parameter| format!("{prefix}{}", parameter.name());
                 let elements = |parameter: Parameter| {
                     rows[parameter].iter().sum::<usize>() * parameter.width() / parameter.element()
@@ -32,8 +40,8 @@ macro_rules! parameter_buffers {
                     $($field: {
                         let (name, elements) = (name(Parameter::$variant), elements(Parameter::$variant));
                         match $owner {
-                            Owner::Source | Owner::ShBand(_) => Buffer::in_parts(gpu, &name, elements)?,
-                            Owner::Offset | Owner::Instance => Buffer::new(gpu, &name, elements)?,
+                            Owner::Source | Owner::ShBand(_) => Buffer::in_parts(gpu, &name, elements, home)?,
+                            Owner::Offset | Owner::Instance => Buffer::at(gpu, &name, elements, home)?,
                         }
                     },)*
                 })
@@ -54,12 +62,17 @@ macro_rules! parameter_buffers {
 for_parameters!(parameter_buffers);
 
 impl ParameterBuffers {
-    /// Uploads the parameters of a scene that have `rows`.
+    /// Uploads the parameters of a scene that have `rows` to buffers at `home`.
     ///
     /// # Errors
     /// A buffer exceeds the device's limits; the error names it.
-    pub fn upload(gpu: &Arc<Gpu>, scene: &InstancedScene, rows: &ParameterSet<Rows>) -> Result<Self, GpuError> {
-        let mut out = Self::new(gpu, "", rows)?;
+    pub fn upload(
+        gpu: &Arc<Gpu>,
+        scene: &InstancedScene,
+        rows: &ParameterSet<Rows>,
+        home: Home,
+    ) -> Result<Self, GpuError> {
+        let mut out = Self::at(gpu, "", rows, home)?;
         for (parameter, buffer) in out.scalars_mut() {
             if rows[parameter] != [0, 0] {
                 write(gpu, buffer, &scene.parameter(parameter))?;

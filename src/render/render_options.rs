@@ -31,7 +31,8 @@ pub struct RenderOptions {
     /// passes than the blend. `None` = the device's limit.
     pub max_chunks: Option<u32>,
     /// Frames that device memory, or its budget, is too small for are drawn in depth ranges, if they have no other passes
-    /// than the blend, with as small buffers as it takes; else they are an error.
+    /// than the blend, with as small buffers as it takes, and scenes that take most of it stay in host memory; else they are an
+    /// error.
     pub divide_for_memory: bool,
     /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = the device's limit.
     pub max_intersections: Option<u32>,

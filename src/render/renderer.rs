@@ -11,9 +11,9 @@ use crate::gpu::staging::download;
 use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::variant::BLOCK_SIDE;
 use crate::kernels::{Pipelines, Primitives, Purpose, SceneTraits, Variant};
-use crate::scene::{Camera, DevicePrecision};
+use crate::scene::Camera;
 
-use super::device_scene::DeviceScene;
+use super::device_scene::{DeviceScene, Holding};
 use super::error::RenderError;
 use super::extra_passes::ExtraPasses;
 use super::forward::{
@@ -213,18 +213,20 @@ impl Renderer {
 
     /// Uploads a scene for this renderer, in f32.
     pub fn upload(&self, scene: &crate::scene::InstancedScene) -> Result<DeviceScene, RenderError> {
-        DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size, DevicePrecision::F32)
+        DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size, Holding::default())
     }
 
     /// Uploads a scene in the precision of `options`, with levels of detail if their `lod_error_px` is above 0. Such a scene
-    /// can also be rendered at full detail or with any other error.
+    /// can also be rendered at full detail or with any other error. With `divide_for_memory`, a scene that is too large for the
+    /// device's memory stays in host memory.
     pub fn upload_for(
         &self,
         scene: &crate::scene::InstancedScene,
         options: &RenderOptions,
     ) -> Result<DeviceScene, RenderError> {
         let upload = if options.lod_error_px > 0.0 { DeviceScene::with_levels } else { DeviceScene::new };
-        upload(&self.gpu, scene, self.variant.workgroup_size, options.device_precision)
+        let holding = Holding { precision: options.device_precision, on_host_if_large: options.divide_for_memory };
+        upload(&self.gpu, scene, self.variant.workgroup_size, holding)
     }
 
     /// Renders a picture and leaves it on the device (see [`Renderer::download`]).

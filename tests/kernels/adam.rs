@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use instgs_reference::adam::{AdamOptions, AdamState, adam_step};
 use instgs_vk::gpu::staging::{download, upload, upload_in_parts, write};
-use instgs_vk::gpu::{Buffer, Gpu, PipelineCache, Recorder};
+use instgs_vk::gpu::{Buffer, Gpu, Home, PipelineCache, Recorder};
 use instgs_vk::kernels::{BackwardPipelines, SceneTraits, Variant};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::{Adam, AdamBuffers, MomentBuffer, ValueGroups, zero_moments};
@@ -37,7 +37,7 @@ impl DeviceAdam {
             workgroup_size: variant.workgroup_size,
             recorder: Recorder::new(gpu).unwrap(),
             status: upload(gpu, "status", &[0; 4]).unwrap(),
-            parameters: upload_in_parts(gpu, "parameters", &padded).unwrap(),
+            parameters: upload_in_parts(gpu, "parameters", &padded, Home::Device).unwrap(),
             moments: zero_moments(gpu, "moments", padded.len()).unwrap(),
             count: parameters.len(),
         }
@@ -50,7 +50,7 @@ impl DeviceAdam {
     fn step_groups(&mut self, gradients: &[f32], step: u64, groups: ValueGroups) {
         assert_eq!(groups.counts[0] + groups.counts[1], self.count);
         let padded = [gradients, &[1.0; TAIL]].concat();
-        let gradients = upload_in_parts(&self.gpu, "gradients", &padded).unwrap();
+        let gradients = upload_in_parts(&self.gpu, "gradients", &padded, Home::Device).unwrap();
         let AdamOptions { beta1, beta2, epsilon } = AdamOptions::default();
         let adam = Adam { beta1, beta2, epsilon, step };
         let (pipeline, size) = (&self.pipelines.adam, self.workgroup_size);

@@ -6,11 +6,11 @@ use glam::{DMat3, DVec3};
 use instgs_train::device_state::DeviceState;
 use instgs_train::state_file::to_checkpoint;
 use instgs_vk::gpu::staging::write;
-use instgs_vk::gpu::{Buffer, Gpu, Grid, Pipeline, PipelineCache, Recorder};
+use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, Home, Pipeline, PipelineCache, Recorder};
 use instgs_vk::kernels::{Variant, reset_opacity};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
+use instgs_vk::render::{DeviceScene, RenderError, RenderOptions, Renderer};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, Instance, InstancedScene, Offsets, SourceRange};
@@ -121,6 +121,49 @@ fn pictures_in_windows_have_the_same_bytes() {
     }
     assert_silent(&gpu);
     assert_silent(&small);
+}
+
+/// A scene that takes most of a budget, or more than that, stays in host memory if frames may be divided, and looks the same; what
+/// a frame takes besides stays within the budget.
+#[test]
+fn scenes_larger_than_the_memory_stay_on_the_host() {
+    let Some(shared) = gpu() else { return };
+    let gpu = with_bindings_of(&shared, u64::MAX);
+    let scene = scene(1, [3, 3], [9000, 3000]);
+    let camera = Camera::look_at("ahead", DVec3::new(0.3, -0.2, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, (72, 56));
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    for (device_precision, lod_error_px) in
+        DevicePrecision::ALL.map(|p| (p, 0.0)).into_iter().chain([(DevicePrecision::F16, 2.0)])
+    {
+        let whole = RenderOptions { device_precision, lod_error_px, ..RenderOptions::default() };
+        let divided = RenderOptions { divide_for_memory: true, ..whole };
+        gpu.set_memory_budget(u64::MAX);
+        let on_device = renderer.upload_for(&scene, &divided).unwrap();
+        assert_eq!(on_device.host_bytes(), 0, "there is room");
+        renderer.render(&on_device, &camera, &whole).unwrap();
+        let want = renderer.download().unwrap();
+        let bytes = on_device.bytes();
+        drop(on_device);
+        renderer.forget_picture();
+        let (before, _) = gpu.memory_usage();
+        // Less than the scene has.
+        let budget = before + bytes * 7 / 8;
+        gpu.set_memory_budget(budget);
+        gpu.reset_memory_peak();
+        let on_host = renderer.upload_for(&scene, &divided).unwrap();
+        assert_eq!((on_host.home, on_host.bytes()), (Home::Host, bytes));
+        assert!(on_host.host_bytes() * 10 > bytes * 9, "all but instances and chunks");
+        renderer.render(&on_host, &camera, &divided).unwrap();
+        assert!(renderer.download().unwrap() == want, "{device_precision:?}, lod {lod_error_px}");
+        assert!(gpu.memory_usage().1 <= budget);
+        drop(on_host);
+        renderer.forget_picture();
+        assert_eq!(gpu.memory_usage().0, before, "all is freed, and nothing of the host's");
+        // Whoever does not ask for it is told.
+        let error = renderer.upload_for(&scene, &whole).err().unwrap();
+        assert!(matches!(error, RenderError::Gpu(GpuError::OutOfMemory { .. })), "{error}");
+    }
+    assert_silent(&gpu);
 }
 
 /// A cloud of which seven of eight Gaussians are too transparent to be seen.
@@ -300,7 +343,7 @@ fn scenes_of_instances_grow_in_windows() {
 fn whole_buffers_have_to_fit_a_binding() {
     let Some(gpu) = gpu() else { return };
     let small = with_bindings_of(&gpu, 160 << 10);
-    let mut large = Buffer::<u32>::in_parts(&small, "large", 41_000).unwrap();
+    let mut large = Buffer::<u32>::in_parts(&small, "large", 41_000, Home::Device).unwrap();
     let mut recorder = Recorder::new(&small).unwrap();
     recorder.fill(&mut large, 1).unwrap();
     let error = Buffer::<u32>::new(&small, "whole", 41_000).err().unwrap().to_string();
@@ -310,7 +353,7 @@ fn whole_buffers_have_to_fit_a_binding() {
     let constants = [("WORKGROUP_SIZE", 32)];
     let pipeline = Pipeline::<reset_opacity::ResetOpacity>::new(&small, &cache, size, &constants).unwrap();
     let mut moments = Buffer::new(&small, "moments", 1).unwrap();
-    let mut logits = Buffer::<f32>::in_parts(&small, "logits", 41_000).unwrap();
+    let mut logits = Buffer::<f32>::in_parts(&small, "logits", 41_000, Home::Device).unwrap();
     let bindings = reset_opacity::Bindings { opacity_logits: &mut logits, moments: &mut moments };
     let params = reset_opacity::Params { count: 1, logit_max: 0.0 };
     let error = recorder.dispatch(&pipeline, Grid::groups(1), &params, bindings).unwrap_err().to_string();

@@ -41,6 +41,9 @@ fn main_table(report: &Report) -> Table {
     row("file bytes", &|s| grouped(s.bytes.file), ratio.map(|r| r.file));
     row("host tensor bytes", &|s| grouped(s.bytes.host), ratio.map(|r| r.host));
     row("device scene bytes", &|s| grouped(s.bytes.device_scene), ratio.map(|r| r.device_scene));
+    if [Some(&report.scene), report.against.as_ref()].into_iter().flatten().any(|s| s.bytes.scene_on_host > 0) {
+        row("  of them in host memory", &|s| grouped(s.bytes.scene_on_host), None);
+    }
     row("device peak bytes", &|s| grouped(s.bytes.device_peak), None);
     row("template Gaussians", &|s| grouped(s.gaussians.scene.template), None);
     row("offset records", &|s| grouped(s.gaussians.scene.offsets), None);

@@ -48,8 +48,11 @@ pub struct Bytes {
     pub file: u64,
     /// Scene tensors uploaded to the device, as f32.
     pub host: u64,
-    /// Scene buffers on the device.
+    /// Scene buffers that kernels read.
     pub device_scene: u64,
+    /// How much of that is in host memory, because it is too large for the device's.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub scene_on_host: u64,
     /// Largest amount of device memory in use at a time, including frame buffers and staging.
     pub device_peak: u64,
 }

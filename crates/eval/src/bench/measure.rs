@@ -184,6 +184,7 @@ impl<'a> Run<'a> {
                 file: subject.file_bytes,
                 host: subject.scene.tensor_bytes(),
                 device_scene: scene.bytes(),
+                scene_on_host: scene.host_bytes(),
                 device_peak,
             },
             slabs: stats.iter().map(|s| s.slabs).max().unwrap_or(0),

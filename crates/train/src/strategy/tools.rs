@@ -7,7 +7,7 @@ use crate::device_state::DeviceState;
 use instgs_vk::gpu::error::STORAGE_LIMIT;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::download;
-use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder, bound_runs};
+use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, Home, PipelineCache, Recorder, bound_runs};
 use instgs_vk::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
 use instgs_vk::render::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
 use instgs_vk::render::sort::{DigitTables, Sort, SortBuffers, record_sort};
@@ -143,7 +143,7 @@ impl Tools {
 
     /// Reorders an array of `width` f32 per Gaussian.
     fn move_array(&mut self, array: &mut Buffer<f32>, width: u32, moves: &Moves, made: Made) -> Result<(), GpuError> {
-        let mut after = Buffer::in_parts(&self.gpu, array.name(), moves.count as usize * width as usize)?;
+        let mut after = Buffer::in_parts(&self.gpu, array.name(), moves.count as usize * width as usize, Home::Device)?;
         let row_bytes = 4 * u64::from(width);
         let parts = |buffer: &Buffer<f32>, run: &Range<usize>| {
             buffer.part(run.start as u64 * row_bytes, run.end as u64 * row_bytes)
