@@ -162,7 +162,7 @@ impl TrainProgress<'_> {
             Event::DeviceFull { step, gaussians } => {
                 let gaussians = grouped(*gaussians);
                 self.printer.line(format_args!(
-                    "step {step}: {gaussians} Gaussians, as many as a binding of this device has room for: no more are added \
+                    "step {step}: {gaussians} Gaussians, as many as a buffer of this device has room for: no more are added \
                      (max_gaussians allows more)"
                 ));
             }

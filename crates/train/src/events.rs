@@ -84,7 +84,7 @@ pub enum Event {
         /// Number of Gaussians afterwards.
         gaussians: u64,
     },
-    /// The cloud cannot grow further: it has as many Gaussians as the device's largest binding can hold.
+    /// The cloud cannot grow further: it has as many Gaussians as the device's bindings and buffers can hold.
     DeviceFull {
         /// Number of finished steps.
         step: u64,
