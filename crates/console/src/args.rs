@@ -195,8 +195,8 @@ pub struct LookArgs {
 /// The flag for the budget of device memory, for commands that draw pictures one after the other.
 #[derive(Args)]
 pub struct MemoryArgs {
-    /// Device memory to draw with, the scene included, MiB; frames that need more are drawn in parts, with the same result
-    /// [default: what the device has]
+    /// Device memory to draw with, the scene included, MiB; frames that need more are drawn in parts, and a scene that takes
+    /// most of it stays in host memory, with the same result [default: what the device has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     device_memory_mb: Option<u32>,
 }
@@ -209,7 +209,7 @@ impl MemoryArgs {
         }
     }
 
-    /// The render options with frames divided where memory, or the budget, is too small.
+    /// The render options with frames divided, and scenes on the host, where memory, or the budget, is too small.
     pub fn apply(&self, options: RenderOptions) -> RenderOptions {
         RenderOptions { divide_for_memory: true, ..options }
     }
