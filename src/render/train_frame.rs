@@ -195,7 +195,7 @@ impl TrainFrame {
         log: &mut StepLog,
         step: u32,
     ) -> Result<(), RenderError> {
-        let longest_list = longest_list(&self.gpu, &self.variant);
+        let longest_list = self.longest_list();
         let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
         record_image_loss(recorder, &forward, pipelines, frame, buffers, loss)?;
         record_status(recorder, pipelines, frame, buffers, log, StepStatus { step, longest_list })?;
@@ -228,8 +228,7 @@ impl TrainFrame {
         }
         let most = self.most_intersections(self.compiled_variant());
         check_fits("(splat, tile) pairs of a training view", record.intersections, most)?;
-        let most_splats = longest_list(&self.gpu, &self.variant);
-        check_fits("Gaussians on one tile of a training view", record.longest_list, most_splats)?;
+        check_fits("Gaussians on one tile of a training view", record.longest_list, self.longest_list())?;
         self.intersections = self.intersections.max(grown(record.intersections, most));
         Ok(true)
     }
@@ -247,6 +246,11 @@ impl TrainFrame {
     pub fn backward_pipelines(&self) -> &BackwardPipelines {
         let Some((_, backward)) = &self.pipelines else { unreachable!("prepare runs before every recording") };
         backward
+    }
+
+    /// Splats of a tile that the device's loops have iterations for; `u32::MAX` = any number.
+    pub fn longest_list(&self) -> u32 {
+        longest_list(&self.gpu, &self.variant)
     }
 
     /// Capacity of the buffers for (splat, tile) pairs.

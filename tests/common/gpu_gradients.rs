@@ -46,6 +46,11 @@ impl GradientRunner {
         self.frame.set_intersections(intersections);
     }
 
+    /// Splats of a tile that the device's loops have iterations for.
+    pub(crate) fn longest_list(&self) -> u32 {
+        self.frame.longest_list()
+    }
+
     /// Gradients of the sum of `cotangents` (by rgb and alpha, per pixel) times the picture.
     pub(crate) fn run(
         &mut self,
