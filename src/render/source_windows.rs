@@ -82,6 +82,11 @@ impl SourceWindows {
 }
 
 impl SourceWindow {
+    /// True if the SH bands up to `sh_degree` begin with the rows of its first Gaussian, as where all clouds have these bands.
+    pub fn bands_begin_alike(&self, sh_degree: u32) -> bool {
+        self.shown.first_in_band.iter().take(sh_degree as usize).all(|&row| row == self.shown.first)
+    }
+
     /// The rows that it shows of a parameter of source Gaussians.
     fn rows(&self, parameter: Parameter) -> Range<u32> {
         let begins =

@@ -106,7 +106,7 @@ fn record_weigh(
             copies: &mut *copies,
         };
         let first = window.shown.first;
-        debug_assert_eq!(window.shown.first_in_band, [first; 3], "all Gaussians have the same SH bands");
+        debug_assert!(window.bands_begin_alike(state.scene.sh_degree), "all Gaussians have the same SH bands");
         let count = window.shown.count.min(count - first);
         let params = mcmc_weigh::Params { first, count, one, logit_min };
         let (grid, parts) = (tools.threads(count), state.scene.parts(&window));
