@@ -103,7 +103,7 @@ pub struct BufferPart {
 /// Where a buffer lives that kernels read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Home {
-    /// In device memory.
+    /// In device memory, which is fast to read and may be too small.
     #[default]
     Device,
     /// In host memory: kernels read it over the bus. It does not count against the budget of device memory.
