@@ -1,13 +1,13 @@
-//! L0: mathematics without state: spherical harmonics, covariances, axes in order, eigenvectors, similarities, bounds, lens
+//! L0: mathematics without state: spherical harmonics, covariances and their logarithms, eigenvectors, similarities, bounds, lens
 //! distortion, nearest points, Morton order, opponent colours, planes, rotations in three numbers, seeded random numbers,
 //! order statistics, number formatting.
 
-pub mod axes;
 pub mod covariance;
 pub mod digits;
 pub mod distortion;
 pub mod eigen;
 pub mod heat;
+pub mod log_covariance;
 pub mod morton;
 pub mod nearest;
 pub mod opponent;

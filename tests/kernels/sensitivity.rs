@@ -1,7 +1,9 @@
 //! The sensitivity that `--pack small` rounds by, against central differences of the twin's pictures.
 
 use instgs_train::measure_sensitivity;
+use instgs_vk::math::log_covariance::{Shape, log_covariance, nearest_shape};
 use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::offset_runs::sources_of_records;
 use instgs_vk::scene::{Camera, InstancedScene, Parameter};
 
 use crate::common::gpu::{assert_silent, gpu};
@@ -35,21 +37,99 @@ fn number(scene: &mut InstancedScene, parameter: Parameter, row: usize, value: u
     }
 }
 
-/// Mean squared derivative of the twin's picture.
-fn squared_derivative(scene: &InstancedScene, camera: &Camera, parameter: Parameter, row: usize, value: usize) -> f64 {
-    // Smaller steps see more of the jumps where an alpha falls below 1/255, which have no derivative.
-    let step = if matches!(parameter, Parameter::Means | Parameter::OffsetMeans) { 1e-3 } else { 8e-3 };
+/// Adds to the shape of a Gaussian in one coordinate of the logarithm of its covariance; returns by how much.
+fn widen(quat: &mut [f32; 4], log_scales: &mut [f32; 3], coordinate: usize, by: f32) -> f64 {
+    let shape = |quat: &[f32; 4], log_scales: &[f32; 3]| Shape {
+        quat: quat.map(f64::from),
+        log_scales: log_scales.map(f64::from),
+    };
+    let start = shape(quat, log_scales);
+    let mut wanted = log_covariance(&start);
+    wanted[coordinate] += f64::from(by);
+    let moved = nearest_shape(&wanted, start.quat);
+    let length = start.quat.iter().map(|v| v * v).sum::<f64>().sqrt();
+    *quat = moved.quat.map(|v| (length * v) as f32);
+    *log_scales = moved.log_scales.map(|v| v as f32);
+    log_covariance(&shape(quat, log_scales))[coordinate] - log_covariance(&start)[coordinate]
+}
+
+/// Adds to the shape of an offset record; returns by how much.
+fn widen_record(scene: &mut InstancedScene, record: usize, coordinate: usize, by: f32) -> f64 {
+    let (sources, _) = sources_of_records(&scene.offset_runs(), scene.offsets.len());
+    let Some(source) = sources[record].map(|row| row as usize) else { return f64::from(by) };
+    let (quat, sizes) = (scene.templates.quats[source], scene.templates.log_scales[source]);
+    let mut sum: [f32; 4] = std::array::from_fn(|i| quat[i] + scene.offsets.quats[record][i]);
+    let mut wider: [f32; 3] = std::array::from_fn(|i| sizes[i] + scene.offsets.log_scales[record][i]);
+    let moved = widen(&mut sum, &mut wider, coordinate, by);
+    scene.offsets.quats[record] = std::array::from_fn(|i| sum[i] - quat[i]);
+    scene.offsets.log_scales[record] = std::array::from_fn(|i| wider[i] - sizes[i]);
+    moved
+}
+
+/// Adds to the shape of a source Gaussian and to those of all records that belong to it; returns by how much.
+fn widen_source(scene: &mut InstancedScene, row: usize, coordinate: usize, by: f32) -> f64 {
+    let runs = scene.offset_runs();
+    let (sources, _) = sources_of_records(&runs, scene.offsets.len());
+    let records = (0..sources.len()).filter(|&record| sources[record] == Some(row as u32));
+    let sums: Vec<(usize, [f32; 4], [f32; 3])> = records
+        .map(|record| {
+            let mut sum: [f32; 4] =
+                std::array::from_fn(|i| scene.templates.quats[row][i] + scene.offsets.quats[record][i]);
+            let mut wider: [f32; 3] =
+                std::array::from_fn(|i| scene.templates.log_scales[row][i] + scene.offsets.log_scales[record][i]);
+            widen(&mut sum, &mut wider, coordinate, by);
+            (record, sum, wider)
+        })
+        .collect();
+    let (templates, own) = (scene.templates.len(), scene.own.len());
+    let (cloud, local) = match row {
+        row if row < templates => (&mut scene.templates, row),
+        row if row < templates + own => (&mut scene.own, row - templates),
+        row => (&mut scene.background, row - templates - own),
+    };
+    let moved = widen(&mut cloud.quats[local], &mut cloud.log_scales[local], coordinate, by);
+    for (record, sum, wider) in sums {
+        scene.offsets.quats[record] = std::array::from_fn(|i| sum[i] - scene.templates.quats[row][i]);
+        scene.offsets.log_scales[record] = std::array::from_fn(|i| wider[i] - scene.templates.log_scales[row][i]);
+    }
+    moved
+}
+
+/// Mean squared derivative of the twin's picture by what `change` adds to, which returns how much that was.
+fn squared_difference(
+    scene: &InstancedScene,
+    camera: &Camera,
+    step: f32,
+    change: impl Fn(&mut InstancedScene, f32) -> f64,
+) -> f64 {
     let moved = |by: f32| {
         let mut scene = scene.clone();
-        let number = number(&mut scene, parameter, row, value);
-        *number += by;
-        let at = f64::from(*number);
+        let at = change(&mut scene, by);
         (instgs_reference::render(&scene, camera, &instgs_reference::RenderOptions::default()).color, at)
     };
     let ((high, at_high), (low, at_low)) = (moved(step), moved(-step));
     let pairs = high.as_flattened().iter().zip(low.as_flattened());
     let squares: f64 = pairs.map(|(a, b)| ((a - b) / (at_high - at_low)).powi(2)).sum();
     squares / (3.0 * high.len() as f64)
+}
+
+/// Mean squared derivative of the twin's picture by a parameter.
+fn squared_derivative(scene: &InstancedScene, camera: &Camera, parameter: Parameter, row: usize, value: usize) -> f64 {
+    // Smaller steps see more of the jumps where an alpha falls below 1/255, which have no derivative.
+    let step = if matches!(parameter, Parameter::Means | Parameter::OffsetMeans) { 1e-3 } else { 8e-3 };
+    squared_difference(scene, camera, step, |scene, by| {
+        let number = number(scene, parameter, row, value);
+        let before = f64::from(*number);
+        *number += by;
+        f64::from(*number) - before
+    })
+}
+
+/// Rows that show most, which say most, and some others.
+fn picked(shown: &[f32], rng: &mut Rng) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..shown.len()).collect();
+    order.sort_by(|&a, &b| shown[b].total_cmp(&shown[a]));
+    order.iter().take(4).copied().chain((0..4).map(|_| rng.index(shown.len()))).collect()
 }
 
 #[test]
@@ -78,17 +158,36 @@ fn sensitivity_is_the_squared_derivative_of_pictures() {
     for (parameter, width) in parameters {
         let rows = &measured.rows[parameter];
         let (mut want, mut got) = (0.0, 0.0);
-        // Those that show most say most.
-        let mut order: Vec<usize> = (0..rows.len()).collect();
-        order.sort_by(|&a, &b| rows[b].total_cmp(&rows[a]));
-        let picked = order.iter().take(4).copied().chain((0..4).map(|_| rng.index(rows.len())));
-        for row in picked.collect::<Vec<_>>() {
+        for row in picked(rows, &mut rng) {
             let of_value = |value| squared_derivative(scene, camera, parameter, row, value);
             want += (0..width).map(of_value).sum::<f64>() / width as f64;
             got += f64::from(rows[row]);
         }
         println!("{parameter:?}: measured {got:.4e}, differences {want:.4e}");
         assert!(want > 0.0 && (got / want - 1.0).abs() < 0.15, "{parameter:?}: {got} {want}");
+    }
+    // What changes a shape, of what is behind and of offsets.
+    type Change = fn(&mut InstancedScene, usize, usize, f32) -> f64;
+    let of_shapes: [(&str, &[[f32; 6]], Change); 2] = [
+        ("shapes", &measured.source_shapes, widen_source),
+        ("shapes of offsets", &measured.offset_shapes, widen_record),
+    ];
+    for (name, rows, change) in of_shapes {
+        let shown: Vec<f32> = rows.iter().map(|row| row.iter().sum()).collect();
+        let (mut want, mut got) = ([0.0; 6], [0.0; 6]);
+        for row in picked(&shown, &mut rng) {
+            for coordinate in 0..6 {
+                want[coordinate] +=
+                    squared_difference(scene, camera, 8e-3, |scene, by| change(scene, row, coordinate, by));
+                got[coordinate] += f64::from(rows[row][coordinate]);
+            }
+        }
+        println!("{name}: measured {got:.4?}, differences {want:.4?}");
+        for (coordinate, (got, want)) in got.iter().zip(want).enumerate() {
+            assert!(want > 0.0 && (got / want - 1.0).abs() < 0.25, "{name}, {coordinate}: {got} {want}");
+        }
+        let [got, want] = [got, want].map(|sums| sums.iter().sum::<f64>());
+        assert!((got / want - 1.0).abs() < 0.15, "{name}: {got} {want}");
     }
     let again = measure_sensitivity(&gpu, scene, &cameras[..5], || ()).unwrap();
     assert_eq!(again, measure_sensitivity(&gpu, scene, &cameras[..5], || ()).unwrap());

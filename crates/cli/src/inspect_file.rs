@@ -7,7 +7,7 @@ use safetensors::tensor::TensorInfo;
 
 use instgs_console::CliError;
 use instgs_io::scene_small::{SUFFIX, small_shape};
-use instgs_io::small::{CODED, coded_shape, coded_streams};
+use instgs_io::small::{CODED, LOG_COVARIANCES, coded_shape, coded_streams};
 use instgs_io::{IoError, LoadedScene};
 
 /// A range of bytes of the file.
@@ -159,9 +159,9 @@ fn rows_of(name: &str, info: &TensorInfo, data: &[u8]) -> u64 {
 }
 
 fn purpose_of(tensor: &str) -> Purpose {
-    const CLOUD: [&str; 6] = ["means", "quats", "log_scales", "opacity_logits", "sh", "precision"];
-    const OFFSETS: [&str; 8] =
-        ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", "range", "precision"];
+    const CLOUD: [&str; 7] = ["means", "quats", "log_scales", LOG_COVARIANCES, "opacity_logits", "sh", "precision"];
+    const OFFSETS: [&str; 9] =
+        ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", LOG_COVARIANCES, "range", "precision"];
     const INSTANCES: [&str; 5] = ["template", "world_from_template", "first_offset", "color_from_template", "own"];
     const LEVELS: [&str; 3] = ["ranges", "cell", "template_print"];
     let name = [SUFFIX, CODED].iter().find_map(|suffix| tensor.strip_suffix(suffix)).unwrap_or(tensor);

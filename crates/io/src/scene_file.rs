@@ -1,6 +1,6 @@
 //! `.instgs`: instanced scenes as a safetensors file.
 //!
-//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]), coded clouds and offsets ([`crate::small`], formats 3 and 4)
+//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]), coded clouds and offsets ([`crate::small`], formats 3 to 5)
 //! and clouds in the coded tables of older versions (`scene_small.rs`, format 2). Unknown tensors and metadata are kept and
 //! written again. Writing is in [`crate::scene_write`].
 
@@ -14,7 +14,10 @@ use crate::ply::dilation_of;
 use crate::read_bytes;
 use crate::scene_pack::{CHANNELS, OffsetRanges, segments};
 use crate::scene_small::{SUFFIX, TableError, small_shape, small_values};
-use crate::small::{CODED, PRECISION, RowClasses, coded_shape, decoded_classes, decoded_values, is_plausible};
+use crate::small::{
+    CODED, LOG_COVARIANCES, PRECISION, RowClasses, coded_shape, decoded_classes, decoded_values, is_plausible,
+    offset_shapes_from, shapes_from,
+};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
@@ -26,9 +29,9 @@ pub(crate) const FORMAT: &str = "instgs/1";
 /// Format of files with coded tables, which older versions wrote.
 pub(crate) const FORMAT_TABLES: &str = "instgs/2";
 /// Format of files with coded fields; older versions report that they cannot read it.
-pub(crate) const FORMAT_CODED: &str = "instgs/4";
-/// Coded fields of an older version, which are read the same way.
-pub(crate) const FORMAT_CODED_3: &str = "instgs/3";
+pub(crate) const FORMAT_CODED: &str = "instgs/5";
+/// Coded fields of older versions, which have sizes and rotations apart.
+const OLDER_CODED: [&str; 2] = ["instgs/3", "instgs/4"];
 /// Value of `instance.first_offset` for an instance without offsets.
 pub(crate) const NO_OFFSET: u32 = u32::MAX;
 
@@ -49,7 +52,8 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
     let field = |name: &str, what: String| IoError::new(path, what).at(Place::Field(format!("metadata {name}")));
     match metadata.remove("format").as_deref() {
-        Some(FORMAT | FORMAT_TABLES | FORMAT_CODED_3 | FORMAT_CODED) => {}
+        Some(FORMAT | FORMAT_TABLES | FORMAT_CODED) => {}
+        Some(older) if OLDER_CODED.contains(&older) => {}
         Some(other) if other.starts_with("instgs/") => {
             return Err(field("format", format!("{other} is none of {FORMAT} to {FORMAT_CODED}"))
                 .advise("this file needs a newer version of instgs-vk"));
@@ -97,8 +101,13 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
     scene.color_from_template = colors.as_chunks().0.as_chunks().0.to_vec();
     scene.own_ranges = reader.ranges("instance.own")?;
     scene.offsets = reader.offsets(&scene)?;
+    let offset_shapes = reader.shapes("offset", scene.offsets.len())?;
     scene.fitted_levels = reader.levels()?;
     scene.validate().map_err(|e| IoError::new(path, e.reason).at(Place::Tensor(e.tensor)))?;
+    if let Some(values) = offset_shapes {
+        let (quats, log_scales) = offset_shapes_from(&values, &scene.templates, &scene.offset_runs());
+        scene.offsets = Offsets { quats, log_scales, ..scene.offsets };
+    }
     for (name, view) in reader.left {
         let foreign = ForeignTensor {
             dtype: dtype_name(view.dtype()),
@@ -260,9 +269,9 @@ impl<'a> Reader<'a> {
     }
 
     fn cloud(&mut self, group: &str) -> Result<Gaussians, IoError> {
-        let [means, quats, log_scales, logits, sh] =
-            ["means", "quats", "log_scales", "opacity_logits", "sh"].map(|f| format!("{group}.{f}"));
-        if !self.any(&[&means, &quats, &log_scales, &logits, &sh]) {
+        let [means, quats, log_scales, shapes, logits, sh] =
+            ["means", "quats", "log_scales", LOG_COVARIANCES, "opacity_logits", "sh"].map(|f| format!("{group}.{f}"));
+        if !self.any(&[&means, &quats, &log_scales, &shapes, &logits, &sh]) {
             return Ok(Gaussians::default());
         }
         let means = self.vectors::<3>(&means, None)?;
@@ -280,14 +289,34 @@ impl<'a> Reader<'a> {
                 .map_or("is missing".into(), |s| format!("has the shape {s:?}, not [N, C, 3] with C = 1, 4, 9 or 16"));
             return Err(self.error(&sh, what));
         };
+        let (quats, log_scales) = match self.shapes(group, means.len())? {
+            Some(log_covariances) => shapes_from(&log_covariances),
+            None => (self.vectors::<4>(&quats, n)?, self.vectors::<3>(&log_scales, n)?),
+        };
         Ok(Gaussians {
             sh_degree,
-            quats: self.vectors::<4>(&quats, n)?,
-            log_scales: self.vectors::<3>(&log_scales, n)?,
+            quats,
+            log_scales,
             opacity_logits: self.floats(&logits, &[], n)?,
             sh: self.floats(&sh, &[sh_coefficients(sh_degree), 3], n)?.as_chunks::<3>().0.to_vec(),
             means,
         })
+    }
+
+    /// The logarithms of a group's covariances, six numbers a row; `None` if it has sizes and rotations apart.
+    fn shapes(&mut self, group: &str, rows: usize) -> Result<Option<Vec<f32>>, IoError> {
+        let name = format!("{group}.{LOG_COVARIANCES}");
+        let Some((form, _)) = self.form_of(&name) else { return Ok(None) };
+        for other in ["quats", "log_scales"].map(|field| format!("{group}.{field}")) {
+            if let Some((other, _)) = self.form_of(&other) {
+                return Err(self.error(&form, format!("is present together with {other}")));
+            }
+        }
+        let values = self.floats(&name, &[6], Some(rows))?;
+        match values.iter().position(|value| !value.is_finite()) {
+            Some(at) => Err(self.error(&form, format!("has a number that is not finite in row {}", at / 6))),
+            None => Ok(Some(values)),
+        }
     }
 
     fn instances(&mut self) -> Result<Vec<Instance>, IoError> {
@@ -359,7 +388,8 @@ impl<'a> Reader<'a> {
         const SH_REST: &str = "offset.sh_rest";
         const LOG_SCALES: &str = "offset.log_scales";
         const QUATS: &str = "offset.quats";
-        if !self.any(&[MEANS, SH_DC, LOGITS, RANGE, SH_REST, LOG_SCALES, QUATS]) {
+        let shapes = format!("offset.{LOG_COVARIANCES}");
+        if !self.any(&[MEANS, SH_DC, LOGITS, RANGE, SH_REST, LOG_SCALES, QUATS, &shapes]) {
             return Ok(Offsets::default());
         }
         let Some((m, _)) = self.shape_of(MEANS)? else {

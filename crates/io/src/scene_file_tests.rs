@@ -127,7 +127,7 @@ fn errors_name_the_tensor_and_the_reason() {
     let orphan = text(changed(|t, _| drop(t.remove("offset.means"))));
     assert!(orphan.contains("offset.means: is missing"), "{orphan}");
     assert!(text(changed(|_, m| drop(m.remove("format")))).contains("metadata format"));
-    assert!(text(changed(|_, m| drop(m.insert("format".into(), "instgs/5".into())))).contains("newer version"));
+    assert!(text(changed(|_, m| drop(m.insert("format".into(), "instgs/6".into())))).contains("newer version"));
     assert!(text(changed(|_, m| drop(m.insert("antialias".into(), "yes".into())))).contains("antialias"));
     for bad in ["wide", "0", "-1", "NaN", "inf"] {
         assert!(

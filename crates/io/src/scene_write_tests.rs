@@ -6,8 +6,8 @@ use crate::small::Sensitivity;
 use glam::DMat3;
 use instgs_samples::sample;
 use instgs_samples::{sample_scene, with_ablations, with_levels, with_own};
-use instgs_vk::math::axes::AxisOrder;
 use instgs_vk::math::covariance::covariance;
+use instgs_vk::math::log_covariance::{Shape, log_covariance};
 use instgs_vk::math::opponent::opponent_from_rgb;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
@@ -207,21 +207,12 @@ fn in_file_order(scene: &InstancedScene) -> InstancedScene {
     out
 }
 
-/// Sizes from the largest to the smallest: the axes of a small file are in this order.
-fn sorted_sizes(log_scales: &[[f32; 3]]) -> Vec<f32> {
-    let sorted = |sizes: &[f32; 3]| {
-        let mut sizes = *sizes;
-        sizes.sort_by(|a, b| b.total_cmp(a));
-        sizes
+/// The coordinates of the logarithms of a cloud's covariances.
+fn log_covariances(cloud: &Gaussians) -> Vec<f32> {
+    let of = |(quat, log_scales): (&[f32; 4], &[f32; 3])| {
+        log_covariance(&Shape { quat: quat.map(f64::from), log_scales: log_scales.map(f64::from) }).map(|v| v as f32)
     };
-    log_scales.iter().flat_map(sorted).collect()
-}
-
-/// The quaternions of a cloud when its axes are in that order.
-fn sorted_quats(cloud: &Gaussians) -> Vec<[f32; 4]> {
-    let pairs = cloud.log_scales.iter().zip(&cloud.quats);
-    let sorted = |sizes, quat: [f32; 4]| AxisOrder::sorted(sizes, quat).quat(quat.map(f64::from));
-    pairs.map(|(&sizes, &quat)| sorted(sizes, quat).map(|v| v as f32)).collect()
+    cloud.quats.iter().zip(&cloud.log_scales).flat_map(of).collect()
 }
 
 /// Colours as they are rounded.
@@ -274,11 +265,9 @@ fn small_keeps_half_a_step() -> Result<(), IoError> {
         for (a, b) in clouds {
             assert_eq!((a.sh_degree, a.len()), (b.sh_degree, b.len()));
             // Half a step, plus the rounding of f32.
-            assert!(difference(&sorted_sizes(&a.log_scales), &sorted_sizes(&b.log_scales), 1.0) <= 0.02501);
+            assert!(difference(&log_covariances(a), &log_covariances(b), 1.0) <= 0.05001);
             assert!(difference(&a.opacity_logits, &b.opacity_logits, 1.0) <= 0.05001);
             assert!(difference(&opponent(&a.sh), &opponent(&b.sh), 1.0) <= 0.01001);
-            // Three components of up to half a step of 0.0056; an angle is twice their length.
-            assert!(turned(&sorted_quats(a), &b.quats) < 2.0 * 0.0028 * 3.0f64.sqrt() * 1.5);
             // The step is a sixteenth of the Gaussian's size, to the nearest power of two of the usual one.
             let size = a.log_scales.iter().map(|s| (s.iter().sum::<f32>() / 3.0).exp()).fold(0.0, f32::max);
             let most = size / 32.0 * std::f32::consts::SQRT_2 * 1.001;
@@ -289,7 +278,7 @@ fn small_keeps_half_a_step() -> Result<(), IoError> {
         assert!(difference(&opponent(&a.sh_dc), &opponent(&b.sh_dc), 1.0) <= 0.02001);
         assert!(difference(&a.opacity_logits, &b.opacity_logits, 1.0) <= 0.1001);
         assert!(difference(&opponent(&a.sh_rest), &opponent(&b.sh_rest), 1.0) <= 0.02001);
-        // Template's and offset's error together: 0.075 of each log size is 0.15 of a variance.
+        // Template's and offset's error together: up to 0.15 in each of six coordinates.
         let error = covariance_difference(&expanded_covariances(&want), &expanded_covariances(&back));
         assert!(error < 0.25, "{error}");
     }
@@ -346,6 +335,75 @@ fn a_rotation_without_length_leaves_the_others_right() -> Result<(), IoError> {
     Ok(())
 }
 
+#[test]
+fn shapes_of_shared_and_unused_records_come_back() -> Result<(), IoError> {
+    let (n, mut rng) = (6, Rng::new(9));
+    let mut scene = repeated(4, n);
+    let offsets = &mut scene.offsets;
+    offsets.quats = (0..offsets.means.len()).map(|_| std::array::from_fn(|_| 0.1 * rng.normal() as f32)).collect();
+    offsets.log_scales = (0..offsets.means.len()).map(|_| std::array::from_fn(|_| 0.2 * rng.normal() as f32)).collect();
+    // Two instances share records, one has none: the records of 1 and 3 are unused.
+    scene.instances[1].first_offset = Some(0);
+    scene.instances[3].first_offset = None;
+    let names = |scene: &InstancedScene| -> Result<String, IoError> {
+        let bytes = packed_scene_file_bytes(scene, Pack::Small, path())?;
+        let (header_bytes, _) = safetensors::SafeTensors::read_metadata(&bytes).expect("a header");
+        Ok(String::from_utf8_lossy(&bytes[..8 + header_bytes]).into_owned())
+    };
+    let back = through(&scene, Pack::Small)?;
+    assert!(names(&scene)?.contains("offset.log_covariances.coded"));
+    let error = covariance_difference(&expanded_covariances(&scene), &expanded_covariances(&back));
+    assert!(error < 0.25, "{error}");
+    assert!(back.offsets.quats[n..2 * n].iter().flatten().all(|&v| v == 0.0));
+    assert!(back.offsets.log_scales[3 * n..].iter().flatten().all(|&v| v == 0.0));
+    // Axes are near those of the template, so that offsets are small.
+    let most = back.offsets.quats.iter().flatten().fold(0.0f32, |most, v| most.max(v.abs()));
+    assert!(most < 1.0, "{most}");
+    // A record of two Gaussians is no difference to one: those stay as they are, and what they belong to.
+    scene.instances[1].first_offset = Some(1);
+    let back = through(&scene, Pack::Small)?;
+    assert!(names(&scene)?.contains("offset.quats"));
+    assert_eq!((&back.offsets.quats, &back.templates.quats), (&scene.offsets.quats, &scene.templates.quats));
+    // So does one of two arrays without the other.
+    scene.instances[1].first_offset = Some(0);
+    scene.offsets.quats.clear();
+    let back = through(&scene, Pack::Small)?;
+    assert_eq!((&back.offsets.quats, &back.offsets.log_scales), (&scene.offsets.quats, &scene.offsets.log_scales));
+    Ok(())
+}
+
+/// Files of another program may have logarithms of covariances as they are, and wrong ones.
+#[test]
+fn wrong_logarithms_of_covariances_are_named() -> Result<(), IoError> {
+    let scene = InstancedScene::from_cloud(sample(0, 5));
+    let bytes = packed_scene_file_bytes(&scene, Pack::F32, path())?;
+    let tensors = safetensors::SafeTensors::deserialize(&bytes).expect("a file");
+    let shapes: Vec<u8> = log_covariances(&scene.background).iter().flat_map(|v| v.to_le_bytes()).collect();
+    let with = |shapes: &[u8], rows: usize, left_out: &[&str]| {
+        let view = safetensors::tensor::TensorView::new(safetensors::Dtype::F32, vec![rows, 6], shapes).expect("fits");
+        let others = tensors.iter().filter(|(name, _)| !left_out.contains(name));
+        let all: Vec<_> = others
+            .map(|(name, view)| (name.to_owned(), view))
+            .chain([("background.log_covariances".into(), view)])
+            .collect();
+        let metadata = [("format".to_owned(), "instgs/5".to_owned())].into();
+        parse_scene_file(&safetensors::serialize(all, Some(metadata)).expect("serialises"), path())
+    };
+    let others = ["background.quats", "background.log_scales"];
+    let back = with(&shapes, 5, &others)?.background;
+    assert!(difference(&log_covariances(&back), &log_covariances(&scene.background), 1.0) < 1e-5);
+    let error = |result: Result<InstancedScene, IoError>| result.expect_err("is wrong").to_string();
+    assert!(error(with(&shapes, 5, &[])).contains("together with background.quats"));
+    assert!(error(with(&shapes[..96], 4, &others)).contains("not [5, 6]"));
+    let mut poisoned = shapes.clone();
+    poisoned[24..28].copy_from_slice(&f32::NAN.to_le_bytes());
+    assert!(error(with(&poisoned, 5, &others)).contains("not finite in row 1"));
+    // Finite but enormous: no panic, whatever comes.
+    poisoned[24..28].copy_from_slice(&f32::MAX.to_le_bytes());
+    assert_eq!(with(&poisoned, 5, &others)?.background.len(), 5);
+    Ok(())
+}
+
 /// A scene whose sensitivity differs from row to row, and is the same for all values of a row.
 fn sensitive(scene: &InstancedScene) -> Sensitivity {
     let clouds = [&scene.templates, &scene.own, &scene.background];
@@ -357,20 +415,25 @@ fn sensitive(scene: &InstancedScene) -> Sensitivity {
     };
     // 0 for every 50th row, which no view sees.
     let of = |row: usize| if row % 50 == 49 { 0.0 } else { 1e-3 * 4f32.powi((row % 7) as i32) };
-    Sensitivity { rows: ParameterSet::from_fn(|parameter| (0..rows(parameter)).map(of).collect()) }
+    Sensitivity {
+        rows: ParameterSet::from_fn(|parameter| (0..rows(parameter)).map(of).collect()),
+        source_shapes: (0..scene.source_len()).map(|row| [of(row); 6]).collect(),
+        offset_shapes: (0..scene.offsets.quats.len()).map(|row| [of(row); 6]).collect(),
+    }
 }
 
 /// By sensitivity, the mean squared error of pictures between two scenes.
 fn predicted_error(sensitivity: &Sensitivity, a: &InstancedScene, b: &InstancedScene) -> f64 {
-    let squares = |parameter: Parameter, x: &[f32], y: &[f32], width: usize| {
-        let rows = &sensitivity.rows[parameter];
+    let squares = |x: &[f32], y: &[f32], rows: &[f32]| {
+        let width = x.len() / rows.len();
         let pairs = x.iter().zip(y).enumerate();
         pairs.map(|(i, (x, y))| f64::from(rows[i / width]) * (f64::from(*x) - f64::from(*y)).powi(2)).sum::<f64>()
     };
     let [x, y] = [&a.background, &b.background];
-    squares(Parameter::LogScales, &sorted_sizes(&x.log_scales), &sorted_sizes(&y.log_scales), 3)
-        + squares(Parameter::OpacityLogits, &x.opacity_logits, &y.opacity_logits, 1)
-        + squares(Parameter::Means, x.means.as_flattened(), y.means.as_flattened(), 3)
+    let of_shapes: Vec<f32> = sensitivity.source_shapes.iter().map(|row| row[0]).collect();
+    squares(&log_covariances(x), &log_covariances(y), &of_shapes)
+        + squares(&x.opacity_logits, &y.opacity_logits, &sensitivity.rows[Parameter::OpacityLogits])
+        + squares(x.means.as_flattened(), y.means.as_flattened(), &sensitivity.rows[Parameter::Means])
 }
 
 #[test]
@@ -398,7 +461,7 @@ fn small_is_as_precise_as_pictures_need() -> Result<(), IoError> {
         let (bytes, back) = packed(psnr)?;
         assert!(bytes < last, "{psnr} {bytes} {last}");
         last = bytes;
-        // Rotations and colours have the rest of the error.
+        // Colours have the rest of the error.
         let error = predicted_error(&sensitivity, &scene, &back);
         let most = 10f64.powf(-psnr / 10.0);
         assert!((0.3..1.05).contains(&(error / most)), "{psnr} {}", error / most);
@@ -433,6 +496,29 @@ fn small_files_of_older_versions_are_read() -> Result<(), IoError> {
         assert!(turned(&want.quats, &back.quats) < 2.0 * 0.0028 * 3.0f64.sqrt() * 1.5, "{name}");
         let size = want.log_scales.iter().map(|s| (s.iter().sum::<f32>() / 3.0).exp()).fold(0.0, f32::max);
         assert!(difference(want.means.as_flattened(), back.means.as_flattened(), 1.0) <= size / 22.0, "{name}");
+    }
+    Ok(())
+}
+
+/// Format 4, which has templates, offsets of shapes and own Gaussians: written by the version of 2026-11-27 from these scenes.
+#[test]
+fn small_scenes_of_format_4_are_read() -> Result<(), IoError> {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fixtures"));
+    for (name, scene) in [("small_ablations_4.instgs", with_ablations()), ("small_own_4.instgs", with_own())] {
+        let back = crate::read_scene_file(&folder.join(name))?;
+        let want = in_file_order(&scene);
+        assert_eq!((&back.instances, &back.own_ranges), (&want.instances, &want.own_ranges), "{name}");
+        let clouds = [(&want.templates, &back.templates), (&want.own, &back.own), (&want.background, &back.background)];
+        for (a, b) in clouds {
+            assert_eq!((a.sh_degree, a.len()), (b.sh_degree, b.len()), "{name}");
+            assert!(difference(&opponent(&a.sh), &opponent(&b.sh), 1.0) <= 0.01001, "{name}");
+            assert!(difference(&a.opacity_logits, &b.opacity_logits, 1.0) <= 0.05001, "{name}");
+            // Half a step of a size is 0.025; a turn of an ellipsoid moves its logarithm by as much as its axes differ.
+            assert!(difference(&log_covariances(a), &log_covariances(b), 1.0) < 0.2, "{name}");
+        }
+        assert!(difference(&opponent(&want.offsets.sh_dc), &opponent(&back.offsets.sh_dc), 1.0) <= 0.02001, "{name}");
+        let error = covariance_difference(&expanded_covariances(&want), &expanded_covariances(&back));
+        assert!(error < 0.25, "{name}: {error}");
     }
     Ok(())
 }
@@ -486,7 +572,7 @@ fn small_is_a_quarter_of_halves_or_less() -> Result<(), IoError> {
 #[test]
 fn damaged_tables_are_named() -> Result<(), IoError> {
     let bytes = packed_scene_file_bytes(&repeated(2, 30), Pack::Small, path())?;
-    let names = ["template.means", "template.quats", "template.log_scales", "template.opacity_logits", "template.sh"];
+    let names = ["template.means", "template.log_covariances", "template.opacity_logits", "template.sh"];
     let (header_bytes, metadata) = safetensors::SafeTensors::read_metadata(&bytes).expect("a header");
     for name in names {
         let name = format!("{name}.coded");
@@ -500,6 +586,6 @@ fn damaged_tables_are_named() -> Result<(), IoError> {
         }
     }
     let text = String::from_utf8_lossy(&bytes[..header_bytes]).into_owned();
-    assert!(text.contains("instgs/4"), "{text}");
+    assert!(text.contains("instgs/5"), "{text}");
     Ok(())
 }

@@ -136,7 +136,7 @@ export function decodeClasses(bytes) {
 }
 
 /**
- * Quaternions (w, x, y, z) of rows that hold the index of the largest component and the other three.
+ * Quaternions (w, x, y, z) of rows that hold the index of the largest component and the other three, as formats 3 and 4 do.
  * @param {Float32Array} rows
  * @returns {Float32Array}
  */

@@ -3,6 +3,7 @@
 
 import { NO_CLASSES, codedShape, decodeClasses, decodeField, wholeQuats } from "./coded.js";
 import { floatsOf, parseSafetensors, u32sOf } from "./safetensors.js";
+import { offsetShapesFrom, shapesFrom } from "./shapes.js";
 
 const NO_OFFSET = 0xffffffff;
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
@@ -79,12 +80,15 @@ class Reader {
    */
   cloud(group) {
     const means = this.floats(`${group}.means`);
+    const { quats, logScales } = this.has(`${group}.log_covariances`)
+      ? shapesFrom(this.floats(`${group}.log_covariances`))
+      : { quats: this.floats(`${group}.quats`), logScales: this.floats(`${group}.log_scales`) };
     return {
       count: means.length / 3,
       coefficients: this.coefficients(`${group}.sh`),
       means,
-      quats: this.floats(`${group}.quats`),
-      logScales: this.floats(`${group}.log_scales`),
+      quats,
+      logScales,
       logits: this.floats(`${group}.opacity_logits`),
       sh: this.floats(`${group}.sh`),
     };
@@ -130,7 +134,7 @@ export function parseScene(bytes) {
   return {
     pool,
     rows,
-    offsets: readOffsets(reader, rows),
+    offsets: readOffsets(reader, rows, templates),
     names: namesOf(templateOf, JSON.parse(metadata.groups ?? "[]")),
     templateCounts: Array.from({ length: ranges.length / 2 }, (_, t) => ranges[2 * t + 1]),
     backgroundCount: background.count,
@@ -175,15 +179,19 @@ function joined(clouds) {
 /**
  * @param {Reader} reader
  * @param {Row[]} rows
+ * @param {Cloud} templates
  * @returns {Offsets}
  */
-function readOffsets(reader, rows) {
+function readOffsets(reader, rows, templates) {
   const channels = [["means", 3], ["sh_dc", 3], ["opacity_logits", 1]];
   const [means, shDc, logits] = (() => {
     if (!reader.tensors.has("offset.range")) return channels.map(([name]) => reader.floats(`offset.${name}`));
     return readBytes(reader, rows, channels.map(([name, width]) => [`offset.${name}`, Number(width)]));
   })();
-  const [logScales, quats, shRest] = ["log_scales", "quats", "sh_rest"].map((name) => reader.floats(`offset.${name}`));
+  const { quats, logScales } = reader.has("offset.log_covariances")
+    ? offsetShapesFrom(reader.floats("offset.log_covariances"), templates, rows)
+    : { quats: reader.floats("offset.quats"), logScales: reader.floats("offset.log_scales") };
+  const shRest = reader.floats("offset.sh_rest");
   return { count: logits.length, means, shDc, logits, logScales, quats, shRest };
 }
 

@@ -26,6 +26,7 @@ mod resumed_log;
 mod run_files;
 mod same_data;
 pub mod sensitivity;
+mod shape_sensitivity;
 mod start;
 pub mod state_file;
 pub mod step_runner;

@@ -22,6 +22,7 @@ use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet};
 use super::config::{GaussianRates, PoseRates, Rates};
 use super::device_state::DeviceState;
 use super::error::TrainError;
+use super::shape_sensitivity::{ShapeGradients, ShapeSums};
 use super::step_runner::{StepPlan, StepRunner};
 use super::views::TrainViews;
 
@@ -97,6 +98,8 @@ pub fn measure_sensitivity(
         poses: PoseRates::default(),
     };
     let options = RenderOptions::default().filtered(scene.pixel_filter);
+    let packed = scene.with_packed_own();
+    let mut shapes = ShapeSums::new(&packed);
     let mut values = 0.0;
     for (step, camera) in (0..).zip(cameras) {
         // One view at a time on the device; its buffers are only read by this step, which is waited for.
@@ -116,13 +119,27 @@ pub fn measure_sensitivity(
         };
         runner.submit(&mut state, &mut views, plan)?;
         while runner.collect(&mut state, &mut views)?.is_some() {}
+        shapes.add(&shape_gradients(gpu, &state)?);
         on_view();
     }
     // The loss is a mean over the values of a picture, so its gradient is that of the colours' sum divided by them; the
     // squared error is to be a mean, too.
     let scale = values / (1.0 - DECAY.powf(cameras.len() as f64));
     let rows = measured_rows(gpu, &state, scale)?;
-    Ok(Sensitivity { rows: for_shared_own(scene, rows) })
+    let (source_shapes, offset_shapes) = shapes.scaled(values / cameras.len() as f64);
+    let own = SharedOwn { scene, packed: &packed };
+    let rows = ParameterSet::from_fn(|parameter| {
+        let values = rows[parameter].clone();
+        let has_own = match parameter.owner() {
+            Owner::Source => true,
+            Owner::ShBand(l) => l <= scene.templates.sh_degree,
+            Owner::Offset | Owner::Instance => false,
+        };
+        if has_own { own.summed(values, |sum, copy| *sum += copy) } else { values }
+    });
+    let source_shapes =
+        own.summed(source_shapes, |sum, copy| sum.iter_mut().zip(copy).for_each(|(sum, copy)| *sum += copy));
+    Ok(Sensitivity { rows, source_shapes, offset_shapes })
 }
 
 fn noise_view(camera: &Camera, rng: &mut Rng) -> LoadedView {
@@ -150,30 +167,40 @@ fn measured_rows(gpu: &Arc<Gpu>, state: &DeviceState, scale: f64) -> Result<Para
     })
 }
 
-/// Training copies own Gaussians that instances share: what the scene has once has the sum of its copies' sensitivity.
-fn for_shared_own(scene: &InstancedScene, rows: ParameterSet<Vec<f32>>) -> ParameterSet<Vec<f32>> {
-    let packed = scene.with_packed_own();
-    if packed.own.len() == scene.own.len() && packed.own_ranges == scene.own_ranges {
-        return rows;
-    }
-    let (first, copies) = (scene.templates.len(), packed.own.len());
-    let merged = |parameter: Parameter, values: Vec<f32>| {
-        let has_own = match parameter.owner() {
-            Owner::Source => true,
-            Owner::ShBand(l) => l <= scene.templates.sh_degree,
-            Owner::Offset | Owner::Instance => false,
-        };
-        if !has_own {
+/// The last step's gradients by rotations and sizes.
+fn shape_gradients(gpu: &Arc<Gpu>, state: &DeviceState) -> Result<ShapeGradients, GpuError> {
+    let arrays = state.gradients.parameters.scalars();
+    let of = |parameter: Parameter| {
+        let rows = state.scene.counts.rows[parameter].iter().sum::<usize>();
+        download(gpu, arrays[parameter], rows * parameter.width())
+    };
+    Ok(ShapeGradients {
+        quats: of(Parameter::Quats)?,
+        log_scales: of(Parameter::LogScales)?,
+        offset_quats: of(Parameter::OffsetQuats)?,
+        offset_log_scales: of(Parameter::OffsetLogScales)?,
+    })
+}
+
+/// A scene whose instances may share own Gaussians, and as training has it: each with copies of its own.
+struct SharedOwn<'a> {
+    scene: &'a InstancedScene,
+    packed: &'a InstancedScene,
+}
+
+impl SharedOwn<'_> {
+    /// Values by source Gaussian of the scene from those of the copies: what the scene has once has the sum over its copies.
+    fn summed<T: Copy + Default>(&self, values: Vec<T>, add: impl Fn(&mut T, &T)) -> Vec<T> {
+        let Self { scene, packed } = self;
+        if packed.own.len() == scene.own.len() && packed.own_ranges == scene.own_ranges {
             return values;
         }
-        let mut own = vec![0.0; scene.own.len()];
+        let (first, copies) = (scene.templates.len(), packed.own.len());
+        let mut own = vec![T::default(); scene.own.len()];
         for (to, from) in scene.own_ranges.iter().zip(&packed.own_ranges) {
             let copies = &values[first + from.first as usize..][..from.count as usize];
-            own[to.first as usize..].iter_mut().zip(copies).for_each(|(sum, copy)| *sum += copy);
+            own[to.first as usize..].iter_mut().zip(copies).for_each(|(sum, copy)| add(sum, copy));
         }
         [&values[..first], &own, &values[first + copies..]].concat()
-    };
-    let mut rows = rows;
-    rows.iter_mut().for_each(|(parameter, values)| *values = merged(parameter, std::mem::take(values)));
-    rows
+    }
 }

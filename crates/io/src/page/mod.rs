@@ -37,10 +37,11 @@ macro_rules! web {
 }
 
 /// Modules of the worker, each after those that it uses.
-const WORKER: [&str; 9] = [
+const WORKER: [&str; 10] = [
     web!("base85.js"),
     web!("safetensors.js"),
     web!("coded.js"),
+    web!("shapes.js"),
     web!("scene.js"),
     web!("layout.js"),
     web!("textures.js"),

@@ -103,10 +103,20 @@ impl Classes {
 pub(super) struct Plan<'a> {
     pub(super) parts: &'a [Part],
     pub(super) classes: &'a Classes,
-    /// Whether values are far from 0, so that the middle of each column should be.
-    pub(super) centred: bool,
+    pub(super) centre: Centre,
     /// Whether the columns are colours, arranged by [`to_opponent`](super::opponent::to_opponent).
     pub(super) opponent: bool,
+}
+
+/// Where each column's centre is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Centre {
+    /// At 0.
+    Zero,
+    /// In the middle between the lowest and the highest value, for values that are far from 0.
+    Middle,
+    /// At the whole number next to that: whole numbers stay whole.
+    Whole,
 }
 
 /// The header of a coded field.
@@ -213,7 +223,12 @@ fn by_column(parts: &[Part]) -> Vec<Part> {
 pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec<u8>> {
     let width: usize = plan.parts.iter().map(|part| part.columns).sum();
     let column = |c: usize| (0..rows).map(move |row| values[row * width + c]);
-    let centres: Vec<f32> = (0..width).map(|c| if plan.centred { middle(column(c)) } else { 0.0 }).collect();
+    let centre = |c: usize| match plan.centre {
+        Centre::Zero => 0.0,
+        Centre::Middle => middle(column(c)),
+        Centre::Whole => middle(column(c)).round(),
+    };
+    let centres: Vec<f32> = (0..width).map(centre).collect();
     // Steps must reach the farthest value in MOST_STEPS even where their class is the finest.
     let mut first = 0;
     let parts: Vec<Part> = plan

@@ -10,23 +10,26 @@
 //!
 //! Colours are coded as brightness and two differences (`opponent.rs`).
 //!
-//! Positions, sizes, opacities and base colours are predicted from the Gaussian before (`field.rs`), in Morton order where the
-//! order is free: the background's, and that of the own Gaussians of an instance. As an ellipsoid has several rotations, the one
-//! is taken whose w is positive and the largest once sizes are in falling order (`math::axes`); x, y and z are coded. The axes of
-//! offsets follow their template's, and offsets of quaternions are scaled so that they have no w: the sums stay the same rotations.
+//! Sizes and rotations are coded together, as the logarithms of covariances (`shapes.rs`).
+//!
+//! Positions, shapes, opacities and base colours are predicted from the Gaussian before (`field.rs`), in Morton order where the
+//! order is free: the background's, and that of the own Gaussians of an instance.
 
 mod entropy;
 mod field;
 mod opponent;
 mod sensitivity;
+mod shapes;
 mod source;
 mod steps;
 
 pub use sensitivity::{Sensitivity, SmallOptions};
+pub use shapes::LOG_COVARIANCES;
+pub(crate) use shapes::{offset_shapes_from, shapes_from};
 
 use crate::scene_pack::floats;
 use crate::step_columns::TableError;
-use field::{Classes, Follows, Memory, Part, Plan};
+use field::{Centre, Classes, Follows, Memory, Part, Plan};
 use instgs_vk::math::smallest_three::whole_quat;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
 use source::Table;
@@ -102,7 +105,7 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
     let mut any = false;
     for (field, parts) in table.fields.iter().zip(&plan.parts) {
         let name = format!("{group}.{}", field.name);
-        let how = Plan { parts, classes: &plan.classes, centred: field.centred, opponent: field.opponent };
+        let how = Plan { parts, classes: &plan.classes, centre: field.centre, opponent: field.opponent };
         let bytes = field.can_be_coded.then(|| field::encode(&field.values, table.rows, &how)).flatten();
         match bytes.filter(|bytes| !field.is_position() || is_plausible(table.rows, bytes.len())) {
             Some(bytes) => {
@@ -116,9 +119,14 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
     if any {
         let classes: Vec<f32> =
             plan.classes.shape.iter().zip(&plan.classes.colour).flat_map(|(&s, &c)| [s, c].map(f32::from)).collect();
-        let part = Part { columns: 1, step: 1.0, most: 1.0, follows: Follows::Nothing, memory: Memory::ALL };
-        let how = Plan { parts: &[part; 2], classes: &Classes::default(), centred: false, opponent: false };
-        let bytes = field::encode(&classes, table.rows, &how);
+        // The classes of neighbours are alike in some scenes, and in others not.
+        let of = |memory: Memory| {
+            let part = Part { columns: 1, step: 1.0, most: 1.0, follows: Follows::Nothing, memory };
+            let classes_of_rows = Classes::default();
+            let how = Plan { parts: &[part; 2], classes: &classes_of_rows, centre: Centre::Whole, opponent: false };
+            field::encode(&classes, table.rows, &how)
+        };
+        let bytes = [Memory::NONE, Memory::ALL].into_iter().filter_map(of).min_by_key(Vec::len);
         out.extend(bytes.map(|bytes| (format!("{group}.{PRECISION}{CODED}"), coded(bytes))));
     }
 }
@@ -143,7 +151,7 @@ pub(crate) fn decoded_classes(coded: &[u8]) -> Result<RowClasses, TableError> {
 #[derive(Default)]
 pub(crate) struct RowClasses(Classes);
 
-/// The values of a coded field, row by row; if `is_quats`, four for each coded rotation.
+/// The values of a coded field, row by row; if `is_quats`, four for each rotation as formats 3 and 4 code it.
 ///
 /// # Errors
 /// The bytes are not a whole field of rows with these classes, or a rotation is invalid.

@@ -13,6 +13,12 @@ use instgs_vk::scene::parameters::{Owner, Parameter, ParameterSet};
 pub struct Sensitivity {
     /// By parameter, one number per row, 0 or more; empty for parameters that the scene has not.
     pub rows: ParameterSet<Vec<f32>>,
+    /// By source Gaussian, one number for each coordinate of the logarithm of its covariance (`math::log_covariance`), together
+    /// with those of the instances that add their offsets to it.
+    pub source_shapes: Vec<[f32; 6]>,
+    /// By offset record, the same for what it adds to the logarithm of its template's; empty if offsets have no sizes or no
+    /// rotations.
+    pub offset_shapes: Vec<[f32; 6]>,
 }
 
 impl Sensitivity {
@@ -30,7 +36,9 @@ impl Sensitivity {
             Owner::Offset => scene.offsets.array(parameter).map(|array| array.flat().len() / parameter.width()),
             Owner::Instance => None,
         };
+        let offset_shapes = scene.offsets.quats.len().min(scene.offsets.log_scales.len());
         self.rows.iter().all(|(parameter, rows)| of(parameter).is_none_or(|count| count == rows.len()))
+            && [self.source_shapes.len(), self.offset_shapes.len()] == [scene.source_len(), offset_shapes]
     }
 }
 

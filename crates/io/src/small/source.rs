@@ -1,27 +1,24 @@
 //! What `--pack small` codes: the clouds and the offsets of a scene as tables of fields, in the order of the file.
 
-use super::field::{Follows, Memory};
+use super::field::{Centre, Follows, Memory};
 use super::opponent::to_opponent;
 use super::sensitivity::Sensitivity;
-use instgs_vk::math::axes::AxisOrder;
-use instgs_vk::math::covariance::normalised_quat;
+use super::shapes::{LOG_COVARIANCES, OffsetShapes, cloud_shapes};
 use instgs_vk::math::morton::morton_order;
-use instgs_vk::math::smallest_three::normal_scale;
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 use instgs_vk::scene::offset_runs::sources_of_records;
 use instgs_vk::scene::parameters::Parameter;
 
-/// Largest steps: beyond them a change is no longer small, and what sensitivity says of it is wrong.
-const MOST_LOG_SCALE: f32 = 0.4;
+/// Largest steps: beyond them a change is no longer small, and what sensitivity says of it is wrong. That of logarithms of
+/// variances is 0.4 of a size's.
+const MOST_LOG_COVARIANCE: f32 = 0.8;
 const MOST_LOGIT: f32 = 1.0;
-const MOST_QUAT: f32 = 0.25;
 const MOST_SH: f32 = 0.3;
-/// Steps without sensitivity: a size changes by at most 2.5 %, an opacity by at most 1/80, the base colour (0.282 times SH)
+/// Steps without sensitivity: a size alone changes by at most 2.5 %, an opacity by at most 1/80, the base colour (0.282 times SH)
 /// by at most 1.2 of 255 levels; a position by 1/32 of its Gaussian's size.
-const FIXED_LOG_SCALE: f32 = 0.05;
+const FIXED_LOG_COVARIANCE: f32 = 0.1;
 const FIXED_LOGIT: f32 = 0.1;
-const FIXED_QUAT: f32 = std::f32::consts::FRAC_1_SQRT_2 / 127.0;
 const FIXED_SH: f32 = 0.02;
 const FIXED_MEAN_PER_SIZE: f64 = 1.0 / 16.0;
 /// Offsets are spread over more values than what they change, and many: their steps are twice those.
@@ -46,7 +43,7 @@ pub(super) struct Field {
     pub(super) values: Vec<f32>,
     pub(super) can_be_coded: bool,
     pub(super) parts: Vec<FieldPart>,
-    pub(super) centred: bool,
+    pub(super) centre: Centre,
     pub(super) opponent: bool,
 }
 
@@ -91,38 +88,22 @@ pub(super) fn tables(scene: &InstancedScene, sensitivity: Option<&Sensitivity>) 
     // Unknown tensors may be parallel to the clouds, whose order must then not change.
     let reorder = scene.foreign_tensors.is_empty();
     let mut first = Rows::default();
-    let mut cloud = |group, cloud: &Gaussians, order: Option<Vec<u32>>, axes: Option<&[AxisOrder]>| {
+    let mut cloud = |group, cloud: &Gaussians, order: Option<Vec<u32>>, shapes: Option<&[[f32; 6]]>| {
         let order = order.unwrap_or_else(|| (0..cloud.len() as u32).collect());
-        let table = cloud_table(group, cloud, &order, axes, &first.sensitivity(sensitivity, cloud, &order));
+        let table = cloud_table(group, cloud, &order, shapes, &first.sensitivity(sensitivity, cloud, &order));
         first.advance(cloud);
         table
     };
-    let [of_templates, of_own, of_background] = [&scene.templates, &scene.own, &scene.background].map(axis_orders);
-    let of_templates = of_templates.filter(|_| records_are_single(scene));
+    let [of_templates, of_own, of_background] = [&scene.templates, &scene.own, &scene.background].map(cloud_shapes);
+    let of_offsets = OffsetShapes::of(scene, of_templates.as_deref());
+    // Offsets that stay as they are belong to the sizes and rotations that the templates have.
+    let of_templates = of_templates.filter(|_| of_offsets != OffsetShapes::AsTheyAre);
     let mut out = vec![cloud("template", &scene.templates, None, of_templates.as_deref())];
     out.push(cloud("own", &scene.own, own_order(scene).filter(|_| reorder), of_own.as_deref()));
     let order = reorder.then(|| morton_order(&scene.background.means));
     out.push(cloud("background", &scene.background, order, of_background.as_deref()));
-    out.push(offsets_table(scene, sensitivity, of_templates.as_deref()));
+    out.push(offsets_table(scene, sensitivity, of_offsets));
     out
-}
-
-/// The order of the axes of each Gaussian in which sizes fall and quaternions have a positive w, the largest; `None` if a
-/// rotation has no length or is not finite: then all stay as they are.
-fn axis_orders(cloud: &Gaussians) -> Option<Vec<AxisOrder>> {
-    let of = |(quat, sizes): (&[f32; 4], &[f32; 3])| {
-        normal_scale(quat)?;
-        Some(AxisOrder::sorted(*sizes, *quat))
-    };
-    cloud.quats.iter().zip(&cloud.log_scales).map(of).collect()
-}
-
-/// True if each offset record belongs to one Gaussian of a template at most, or offsets have no shape: then they can follow
-/// when the template's axes change.
-fn records_are_single(scene: &InstancedScene) -> bool {
-    let offsets = &scene.offsets;
-    offsets.quats.is_empty() && offsets.log_scales.is_empty()
-        || !sources_of_records(&scene.offset_runs(), offsets.len()).1
 }
 
 /// How many rows of each parameter precede a cloud.
@@ -133,19 +114,29 @@ struct Rows {
 }
 
 const BANDS: [Parameter; 4] = [Parameter::Sh0, Parameter::Sh1, Parameter::Sh2, Parameter::Sh3];
-const SOURCES: [Parameter; 4] = [Parameter::Means, Parameter::Quats, Parameter::LogScales, Parameter::OpacityLogits];
+
+/// The sensitivity of a cloud's rows in the order of its table; empty where unknown.
+struct CloudSensitivity {
+    means: Vec<f32>,
+    opacity_logits: Vec<f32>,
+    /// By SH band.
+    bands: [Vec<f32>; 4],
+    shapes: Vec<[f32; 6]>,
+}
 
 impl Rows {
-    /// The sensitivity of a cloud's rows in `order`, for `SOURCES` and then the SH bands; empty where unknown.
-    fn sensitivity(&self, all: Option<&Sensitivity>, cloud: &Gaussians, order: &[u32]) -> [Vec<f32>; 8] {
+    fn sensitivity(&self, all: Option<&Sensitivity>, cloud: &Gaussians, order: &[u32]) -> CloudSensitivity {
         let of = |parameter: Parameter, first: usize| {
             let rows = all.and_then(|all| all.rows[parameter].get(first..first + cloud.len()));
             rows.map_or(Vec::new(), |rows| order.iter().map(|&i| rows[i as usize]).collect())
         };
-        std::array::from_fn(|i| match SOURCES.get(i) {
-            Some(&parameter) => of(parameter, self.sources),
-            None => of(BANDS[i - 4], self.bands[i - 4]),
-        })
+        let shapes = all.and_then(|all| all.source_shapes.get(self.sources..self.sources + cloud.len()));
+        CloudSensitivity {
+            means: of(Parameter::Means, self.sources),
+            opacity_logits: of(Parameter::OpacityLogits, self.sources),
+            bands: std::array::from_fn(|l| of(BANDS[l], self.bands[l])),
+            shapes: shapes.map_or(Vec::new(), |rows| order.iter().map(|&i| rows[i as usize]).collect()),
+        }
     }
 
     fn advance(&mut self, cloud: &Gaussians) {
@@ -179,7 +170,7 @@ fn size(log_scales: &[f32; 3]) -> f64 {
 
 fn field(name: &'static str, shape: &[usize], values: Vec<f32>, parts: Vec<FieldPart>) -> Field {
     let can_be_coded = !values.is_empty() && values.iter().all(|value| value.is_finite());
-    Field { name, shape: shape.to_vec(), values, can_be_coded, parts, centred: false, opponent: false }
+    Field { name, shape: shape.to_vec(), values, can_be_coded, parts, centre: Centre::Zero, opponent: false }
 }
 
 /// A field of colours, `rgb` by coefficient; `bands` are parts for one of the three numbers of its coefficients.
@@ -193,89 +184,81 @@ fn colours(name: &'static str, shape: &[usize], rgb: &[f32], bands: Vec<FieldPar
     }
 }
 
+/// Values that stay floats.
+fn as_they_are(name: &'static str, shape: &[usize], values: Vec<f32>) -> Field {
+    let part = FieldPart {
+        columns: shape.iter().product(),
+        follows: Follows::Nothing,
+        sensitivity: Vec::new(),
+        most: f32::MAX,
+        fixed: FixedStep::Same(1.0),
+        memory: Memory::NONE,
+    };
+    Field { can_be_coded: false, ..field(name, shape, values, vec![part]) }
+}
+
+/// Coordinates of logarithms of covariances, each with steps of its own. `step` is that without sensitivity.
+fn shapes_field(shapes: &[[f32; 6]], sensitivity: &[[f32; 6]], step: f32) -> Field {
+    let part = |k: usize| FieldPart {
+        columns: 1,
+        follows: Follows::Shape,
+        sensitivity: sensitivity.iter().map(|row| row[k]).collect(),
+        most: MOST_LOG_COVARIANCE,
+        fixed: FixedStep::Same(step),
+        memory: Memory::NONE,
+    };
+    field(LOG_COVARIANCES, &[6], shapes.as_flattened().to_vec(), (0..6).map(part).collect())
+}
+
 fn cloud_table(
     group: &'static str,
     cloud: &Gaussians,
     order: &[u32],
-    axes: Option<&[AxisOrder]>,
-    sensitivity: &[Vec<f32>; 8],
+    shapes: Option<&[[f32; 6]]>,
+    sensitivity: &CloudSensitivity,
 ) -> Table {
     let rows = || order.iter().map(|&i| i as usize);
-    let part = |columns: usize, follows: Follows, of: usize, most: f32, fixed: FixedStep| {
-        let sensitivity = sensitivity[of].clone();
-        FieldPart { columns, follows, sensitivity, most, fixed, memory: Memory::NONE }
+    let part = |columns: usize, follows: Follows, of: &[f32], most: f32, fixed: FixedStep| FieldPart {
+        columns,
+        follows,
+        sensitivity: of.to_vec(),
+        most,
+        fixed,
+        memory: Memory::NONE,
     };
     let means = rows().flat_map(|i| cloud.means[i]).collect();
-    let means =
-        field("means", &[3], means, vec![part(3, Follows::Shape, 0, f32::MAX, FixedStep::OfSize).like_neighbours()]);
-    let sizes = rows().map(|i| axes.map_or(cloud.log_scales[i], |axes| axes[i].sizes(cloud.log_scales[i])));
-    let sizes: Vec<[f32; 3]> = sizes.collect();
-    // Of a unit quaternion whose w is the largest, the other three say all; the index of the largest is 0.
-    let coded = |(axes, i): (&[AxisOrder], usize)| {
-        let [_, x, y, z] = axes[i].quat(normalised_quat(cloud.quats[i].map(f64::from)));
-        [0.0, x as f32, y as f32, z as f32]
-    };
-    let quats = rows().flat_map(|i| axes.map_or(cloud.quats[i], |axes| coded((axes, i)))).collect();
-    // Sensitivity is that of the quaternion as it is; of the unit one it is its length squared times as much.
-    let of_unit: Vec<f32> =
-        (rows().zip(&sensitivity[1])).map(|(i, &s)| s * cloud.quats[i].iter().map(|v| v * v).sum::<f32>()).collect();
-    let quat_parts = vec![
-        FieldPart {
-            columns: 1,
-            follows: Follows::Nothing,
-            sensitivity: Vec::new(),
-            most: 1.0,
-            fixed: FixedStep::Same(1.0),
-            memory: Memory::NONE,
-        },
-        FieldPart { sensitivity: of_unit, ..part(3, Follows::Shape, 1, MOST_QUAT, FixedStep::Same(FIXED_QUAT)) },
-    ];
-    let quats = field("quats", &[4], quats, quat_parts);
-    let quats = Field { can_be_coded: quats.can_be_coded && axes.is_some(), ..quats };
-    // Each size alone, as they are in order.
-    let of_axis = part(1, Follows::Shape, 2, MOST_LOG_SCALE, FixedStep::Same(FIXED_LOG_SCALE)).like_neighbours();
-    let log_scales = field("log_scales", &[3], sizes.as_flattened().to_vec(), vec![of_axis; 3]);
+    let of_means = part(3, Follows::Shape, &sensitivity.means, f32::MAX, FixedStep::OfSize).like_neighbours();
+    let mut fields = vec![field("means", &[3], means, vec![of_means])];
+    match shapes {
+        Some(shapes) => {
+            let shapes: Vec<[f32; 6]> = rows().map(|i| shapes[i]).collect();
+            let coded = shapes_field(&shapes, &sensitivity.shapes, FIXED_LOG_COVARIANCE);
+            let parts = coded.parts.into_iter().map(FieldPart::like_neighbours).collect();
+            fields.push(Field { parts, centre: Centre::Middle, ..coded });
+        }
+        None => {
+            fields.push(as_they_are("quats", &[4], rows().flat_map(|i| cloud.quats[i]).collect()));
+            fields.push(as_they_are("log_scales", &[3], rows().flat_map(|i| cloud.log_scales[i]).collect()));
+        }
+    }
     let logits = rows().map(|i| cloud.opacity_logits[i]).collect();
-    let logits = field(
-        "opacity_logits",
-        &[],
-        logits,
-        vec![part(1, Follows::Colour, 3, MOST_LOGIT, FixedStep::Same(FIXED_LOGIT)).like_neighbours()],
-    );
+    let of_logits = part(1, Follows::Colour, &sensitivity.opacity_logits, MOST_LOGIT, FixedStep::Same(FIXED_LOGIT));
+    let logits = field("opacity_logits", &[], logits, vec![of_logits.like_neighbours()]);
+    fields.push(Field { centre: Centre::Middle, ..logits });
     let c = cloud.sh_coefficients();
     let sh: Vec<f32> = rows().flat_map(|i| cloud.sh[i * c..][..c].as_flattened()).copied().collect();
-    let band = |l: usize| part(2 * l + 1, Follows::Colour, 4 + l, MOST_SH, FixedStep::Same(FIXED_SH));
+    let band = |l: usize| part(2 * l + 1, Follows::Colour, &sensitivity.bands[l], MOST_SH, FixedStep::Same(FIXED_SH));
     let bands = (0..=cloud.sh_degree as usize).map(|l| if l == 0 { band(l).like_neighbours() } else { band(l) });
-    let sh = colours("sh", &[c, 3], &sh, bands.collect());
+    fields.push(colours("sh", &[c, 3], &sh, bands.collect()));
     Table {
         group,
         rows: cloud.len(),
-        fields: vec![means, quats, Field { centred: true, ..log_scales }, Field { centred: true, ..logits }, sh],
+        fields,
         fixed_mean_steps: rows().map(|i| FIXED_MEAN_PER_SIZE * size(&cloud.log_scales[i])).collect(),
     }
 }
 
-/// An offset of a quaternion for a template that is normalised and has its axes in another order, and what it was multiplied by.
-/// All multiples of the sum of the two are the same rotation. The multiple is taken that has the template's w: then the w of the
-/// offset is 0 and costs no bits.
-fn offset_of_quat(template: [f32; 4], offset: [f32; 4], order: &AxisOrder) -> ([f32; 4], f64) {
-    /// Sums whose w is a smaller part of them keep their length, as the others would become too long.
-    const LEAST_W: f64 = 0.25;
-    let scale = normal_scale(&template).unwrap_or(1.0).abs();
-    let [template, offset] = [template, offset].map(|quat| order.quat(quat.map(|v| scale * f64::from(v))));
-    let sum: [f64; 4] = std::array::from_fn(|i| template[i] + offset[i]);
-    let length = sum.iter().map(|v| v * v).sum::<f64>().sqrt();
-    // False for what is not finite, too.
-    let has_w = sum[0].abs() > LEAST_W * length;
-    if !has_w {
-        return (offset.map(|v| v as f32), scale);
-    }
-    let stretch = template[0] / sum[0];
-    let [x, y, z] = [1, 2, 3].map(|i| (sum[i] * stretch - template[i]) as f32);
-    ([0.0, x, y, z], scale * stretch)
-}
-
-fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, axes: Option<&[AxisOrder]>) -> Table {
+fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, shapes: OffsetShapes) -> Table {
     let offsets = &scene.offsets;
     let rows = offsets.len();
     let of = |parameter: Parameter| {
@@ -305,72 +288,23 @@ fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, axes
         let parts = part(rest, Follows::Colour, Parameter::OffsetShRest, MOST_SH, FixedStep::Same(OFFSETS * FIXED_SH));
         fields.push(colours("sh_rest", &[rest, 3], offsets.sh_rest.as_flattened(), parts));
     }
+    match shapes {
+        OffsetShapes::None => {}
+        OffsetShapes::Coded(shapes) => {
+            let of_records = sensitivity.map_or(&[][..], |all| &all.offset_shapes);
+            fields.push(shapes_field(&shapes, of_records, OFFSETS * FIXED_LOG_COVARIANCE));
+        }
+        OffsetShapes::AsTheyAre => {
+            let arrays =
+                [("quats", 4, offsets.quats.as_flattened()), ("log_scales", 3, offsets.log_scales.as_flattened())];
+            let there = arrays.into_iter().filter(|(_, _, values)| !values.is_empty());
+            fields.extend(there.map(|(name, width, values)| as_they_are(name, &[width], values.to_vec())));
+        }
+    }
     let (template_rows, _) = sources_of_records(&scene.offset_runs(), rows);
-    let order_of = |record: usize| Some((template_rows[record]? as usize, axes?)).map(|(row, axes)| (row, &axes[row]));
-    if !offsets.log_scales.is_empty() {
-        let of_axis = part(
-            1,
-            Follows::Shape,
-            Parameter::OffsetLogScales,
-            MOST_LOG_SCALE,
-            FixedStep::Same(OFFSETS * FIXED_LOG_SCALE),
-        );
-        let sizes = offsets.log_scales.iter().enumerate();
-        let sizes = sizes.flat_map(|(record, &sizes)| order_of(record).map_or(sizes, |(_, order)| order.sizes(sizes)));
-        fields.push(field("log_scales", &[3], sizes.collect(), vec![of_axis; 3].concat()));
-    }
-    if !offsets.quats.is_empty() {
-        let quats = offsets.quats.iter().enumerate().map(|(record, &quat)| match order_of(record) {
-            Some((row, order)) => offset_of_quat(scene.templates.quats[row], quat, order),
-            None => (quat, 1.0),
-        });
-        let (quats, scales): (Vec<[f32; 4]>, Vec<f64>) = quats.unzip();
-        let mut xyz = part(3, Follows::Shape, Parameter::OffsetQuats, MOST_QUAT, FixedStep::Same(OFFSETS * FIXED_QUAT));
-        let of_scaled = |s: f32, scale: f64| (f64::from(s) / scale.powi(2)).min(f64::from(f32::MAX)) as f32;
-        xyz[0].sensitivity.iter_mut().zip(&scales).for_each(|(s, &scale)| *s = of_scaled(*s, scale));
-        let w = FieldPart { columns: 1, ..xyz[0].clone() };
-        fields.push(field("quats", &[4], quats.as_flattened().to_vec(), vec![w, xyz.remove(0)]));
-    }
     let step = |row: &Option<u32>| {
         let size = row.map_or(0.0, |row| size(&scene.templates.log_scales[row as usize]));
         f64::from(OFFSETS) * FIXED_MEAN_PER_SIZE * size
     };
     Table { group: "offset", rows, fields, fixed_mean_steps: template_rows.iter().map(step).collect() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use instgs_vk::math::rng::Rng;
-
-    /// 0 if two quaternions are multiples of each other, up to 1.
-    fn apart(a: [f64; 4], b: [f64; 4]) -> f64 {
-        let [a, b] = [a, b].map(instgs_vk::math::covariance::normalised_quat);
-        let dot: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
-        (1.0 - dot.abs()).max(0.0)
-    }
-
-    #[test]
-    fn offsets_of_rotations_lose_w_and_no_rotation() {
-        let mut rng = Rng::new(4);
-        let mut without_w = 0;
-        for _ in 0..500 {
-            let quat: [f32; 4] = std::array::from_fn(|_| (3.0 * rng.normal()) as f32);
-            let offset: [f32; 4] = std::array::from_fn(|_| rng.normal() as f32);
-            let sizes: [f32; 3] = std::array::from_fn(|_| rng.normal() as f32);
-            let order = AxisOrder::sorted(sizes, quat);
-            let (coded, scale) = offset_of_quat(quat, offset, &order);
-            let template = order.quat(quat.map(f64::from));
-            let length = template.iter().map(|v| v * v).sum::<f64>().sqrt();
-            let sum: [f64; 4] = std::array::from_fn(|i| template[i] / length + f64::from(coded[i]));
-            let want: [f32; 4] = std::array::from_fn(|i| quat[i] + offset[i]);
-            assert!(apart(sum, order.quat(want.map(f64::from))) < 1e-6);
-            // The scale is that of the sum.
-            let of_sum = sum.iter().map(|v| v * v).sum::<f64>().sqrt();
-            let of_want = want.iter().map(|v| f64::from(v * v)).sum::<f64>().sqrt();
-            assert!((of_sum / of_want / scale.abs() - 1.0).abs() < 1e-4, "{of_sum} {of_want} {scale}");
-            without_w += usize::from(coded[0] == 0.0);
-        }
-        assert!((400..500).contains(&without_w), "{without_w}: nearly all, but not those that turn half way round");
-    }
 }
