@@ -9,6 +9,7 @@ use glam::DVec3;
 use instgs_io::{load_scene, read_cameras, save_scene};
 use instgs_player::gizmo::{Gizmo, GizmoMode, Handle};
 use instgs_player::navigation::Navigator;
+use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::edit::template_centres;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};
@@ -117,6 +118,49 @@ fn pictures_are_those_of_render_with_and_without_a_window() {
     assert_eq!((&report["frames"], &report["window"]), (&3.into(), &true.into()));
     assert!(report["ui_ms"].as_f64().unwrap() > 0.0 && report["present_ms"].as_f64().unwrap() > 0.0);
     assert_eq!(pixels(&shot("window.png")), got);
+}
+
+/// A scene that takes most of the memory to draw with stays in host memory: the same picture, also of frames ahead.
+#[test]
+fn scenes_larger_than_the_memory_are_played_from_the_host() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("large.instgs");
+    let mut scene = chairs();
+    let (cloud, mut rng) = (scene.background.clone(), Rng::new(5));
+    // 11 MB as f32: a dust of copies around the chairs.
+    while scene.background.len() < 200_000 {
+        scene.background.push_from(&cloud, 0);
+        let last = scene.background.len() - 1;
+        scene.background.means[last] = std::array::from_fn(|_| (3.0 * rng.normal()) as f32);
+        scene.background.log_scales[last] = [0.01f32.ln(); 3];
+    }
+    save_scene(&file, &scene).unwrap();
+    let shot = |name: &str| folder.path().join(name);
+    let play = |name: &str, more: &[&str]| -> Value {
+        let mut player = player();
+        player.arg(&file).args([
+            "--headless",
+            "--frames",
+            "4",
+            "--size",
+            "160x90",
+            "--device-precision",
+            "f32",
+            "--json",
+            "-",
+        ]);
+        player.args(more).arg("--screenshot").arg(shot(name));
+        serde_json::from_slice(&player.assert().success().get_output().stdout).unwrap()
+    };
+    let whole = play("whole.png", &[]);
+    assert!(whole["scene_on_host"].is_null());
+    let little = play("little.png", &["--device-memory-mb", "14"]);
+    assert!(little["scene_on_host"].as_u64().unwrap() > 10_000_000, "{little}");
+    let (want, got) = (pixels(&shot("whole.png")), pixels(&shot("little.png")));
+    assert_eq!(want, got);
 }
 
 /// Without a display, --frames goes on without a window and says so; alone it is an error that says what to do.

@@ -192,7 +192,7 @@ pub struct LookArgs {
     occlusion: bool,
 }
 
-/// The flag for the budget of device memory, for commands that draw pictures one after the other.
+/// The flag for the budget of device memory.
 #[derive(Args)]
 pub struct MemoryArgs {
     /// Device memory to draw with, the scene included, MiB; frames that need more are drawn in parts, and a scene that takes
@@ -202,11 +202,14 @@ pub struct MemoryArgs {
 }
 
 impl MemoryArgs {
+    /// Bytes of device memory to draw with; `u64::MAX` = what the device has.
+    pub fn budget(&self) -> u64 {
+        self.device_memory_mb.map_or(u64::MAX, |mib| u64::from(mib) << 20)
+    }
+
     /// Sets the budget of the device.
     pub fn limit(&self, gpu: &Gpu) {
-        if let Some(mib) = self.device_memory_mb {
-            gpu.set_memory_budget(u64::from(mib) << 20);
-        }
+        gpu.set_memory_budget(self.budget());
     }
 
     /// The render options with frames divided, and scenes on the host, where memory, or the budget, is too small.

@@ -13,8 +13,9 @@ use crate::swapchain::PresentMode;
 use crate::views::View;
 use crate::window::{self, WindowJob};
 use crate::{PlayerError, SceneViewer, ViewerOptions};
-use instgs_console::args::{LodArgs, LookArgs, PrecisionArgs, Triple, parse_size, parse_up};
+use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, exit_code, parse};
 use instgs_io::json::as_map;
 use instgs_io::{IoError, LoadedScene, Place, load_scene_to_draw, read_boxes, read_views};
@@ -92,6 +93,8 @@ struct PlayerArgs {
     #[command(flatten)]
     precision: PrecisionArgs,
     #[command(flatten)]
+    memory: MemoryArgs,
+    #[command(flatten)]
     device: DeviceArgs,
 }
 
@@ -159,6 +162,25 @@ struct Played {
     present_ms: Option<f64>,
     ui_ms: Option<f64>,
     gaussians: PlayedGaussians,
+    /// Bytes of the scene that are in host memory, where kernels read what is in view.
+    #[serde(skip_serializing_if = "is_zero")]
+    scene_on_host: u64,
+}
+
+fn is_zero(bytes: &u64) -> bool {
+    *bytes == 0
+}
+
+/// What frames were drawn of and on.
+struct Drawn {
+    /// Name of the Vulkan device.
+    device: String,
+    /// Number of stored and of expanded Gaussians.
+    counts: [u64; 2],
+    scene_on_host: u64,
+    /// Width and height of the frames, pixels.
+    size_px: [u32; 2],
+    window: bool,
 }
 
 #[derive(serde::Serialize)]
@@ -208,8 +230,14 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
             if args.frames.is_none() {
                 return Ok(());
             }
-            let played = played(args, counts, report.device, report.size_px, true, &report.timings);
-            print(args, &played, printer)
+            let drawn = Drawn {
+                device: report.device,
+                counts,
+                scene_on_host: report.scene_on_host_bytes,
+                size_px: report.size_px,
+                window: true,
+            };
+            print(args, &played(args, drawn, &report.timings), printer)
         }
     }
 }
@@ -223,7 +251,8 @@ fn viewer_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOpt
     };
     let words = "--level needs --show tile-load, offsets or ellipses";
     let show = show.ok_or_else(|| CliError::msg(words))?;
-    Ok(ViewerOptions { render: args.precision.apply(args.lod.apply(args.look.options(scene))), show })
+    let render = args.memory.apply(args.precision.apply(args.lod.apply(args.look.options(scene))));
+    Ok(ViewerOptions { render, show })
 }
 
 /// The cameras of the frames of `--frames`.
@@ -253,6 +282,7 @@ fn window_job(args: &PlayerArgs, loaded: Option<LoadedScene>, cameras: &[Camera]
             PresentArg::Immediate => PresentMode::Immediate,
         },
         device: args.device.choice(),
+        memory_budget_bytes: args.memory.budget(),
         validation: device::validation(),
         frames: args.frames,
         path_cameras,
@@ -267,6 +297,7 @@ fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<
     let loaded = load_scene_to_draw(&args.scene)?;
     let options = viewer_options(args, &loaded.scene)?;
     let gpu = device::open(args.device.choice())?;
+    args.memory.limit(&gpu);
     let mut viewer = SceneViewer::new(&gpu, loaded.scene, options)?;
     let path_cameras = path_cameras(args, viewer.scene(), cameras);
     let timings = play(&mut viewer, &path_cameras, args.frames.unwrap_or(1))?;
@@ -274,8 +305,14 @@ fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<
         viewer.screenshot(path)?;
     }
     device::check_validation(&gpu)?;
-    let size = viewer.size_px().unwrap_or_default();
-    print(args, &played(args, gaussian_counts(viewer.scene()), gpu.caps().name.clone(), size, false, &timings), printer)
+    let drawn = Drawn {
+        device: gpu.caps().name.clone(),
+        counts: gaussian_counts(viewer.scene()),
+        scene_on_host: viewer.scene_on_host_bytes(),
+        size_px: viewer.size_px().unwrap_or_default(),
+        window: false,
+    };
+    print(args, &played(args, drawn, &timings), printer)
 }
 
 /// Number of stored and of expanded Gaussians.
@@ -283,14 +320,8 @@ fn gaussian_counts(scene: &InstancedScene) -> [u64; 2] {
     [scene.source_len() as u64, scene.expanded_len()]
 }
 
-fn played(
-    args: &PlayerArgs,
-    [stored, expanded]: [u64; 2],
-    device: String,
-    resolution: [u32; 2],
-    window: bool,
-    timings: &Timings,
-) -> Played {
+fn played(args: &PlayerArgs, drawn: Drawn, timings: &Timings) -> Played {
+    let Drawn { device, counts: [stored, expanded], scene_on_host, size_px: resolution, window } = drawn;
     let ms = Percentiles::of(&timings.ms);
     let pictures = (timings.stats.len() as u64).max(1);
     let mean = |of: fn(&FrameStats) -> u64| timings.stats.iter().map(of).sum::<u64>() / pictures;
@@ -312,6 +343,7 @@ fn played(
             visible: mean(|s| s.visible),
             intersections: mean(|s| s.intersections),
         },
+        scene_on_host,
     }
 }
 
@@ -327,6 +359,9 @@ fn print(args: &PlayerArgs, played: &Played, printer: &Printer) -> Result<(), Cl
         "{}: {} frames of {width}x{height} {how}, {:.1} FPS ({:.2} ms)",
         played.device, played.frames, played.fps, played.ms.median
     ));
+    if played.scene_on_host > 0 {
+        printer.line(format_args!("{} bytes of the scene are in host memory", grouped(played.scene_on_host)));
+    }
     if let Some(path) = &args.screenshot {
         printer.line(path.display());
     }

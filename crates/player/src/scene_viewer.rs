@@ -201,6 +201,11 @@ impl SceneViewer {
         options
     }
 
+    /// Bytes of the scene that are in host memory since the device has too little, where kernels read what is in view.
+    pub fn scene_on_host_bytes(&self) -> u64 {
+        self.device_scene.host_bytes()
+    }
+
     /// Statistics of the frames that completed since the last call, in order.
     pub fn take_arrived(&mut self) -> Vec<FrameStats> {
         std::mem::take(&mut self.arrived)

@@ -68,6 +68,8 @@ pub struct WindowJob {
     pub mode: PresentMode,
     /// The Vulkan device to open.
     pub device: DeviceChoice,
+    /// Device memory to draw with, bytes, the scene included; `u64::MAX` = what the device has.
+    pub memory_budget_bytes: u64,
     /// True to enable the validation layers.
     pub validation: bool,
     /// Number of frames to draw without a pause through `path_cameras`, after which the window closes; `None` = the
@@ -94,6 +96,8 @@ pub struct WindowReport {
     pub device: String,
     /// Width and height of the last frame, pixels.
     pub size_px: [u32; 2],
+    /// Bytes of the scene that are in host memory, where kernels read what is in view.
+    pub scene_on_host_bytes: u64,
     /// First message of the validation layers.
     pub validation_message: Option<String>,
 }
@@ -264,6 +268,7 @@ impl Player {
         live.wait_for_writing();
         report.device = live.session.gpu.caps().name.clone();
         report.size_px = live.screen.swapchain.size_px();
+        report.scene_on_host_bytes = live.session.viewer.scene_on_host_bytes();
         live.session.viewer.settle()?;
         report.timings.arrived(live.session.viewer.in_flight());
         report.timings.stats.extend(live.session.viewer.take_arrived());
