@@ -63,19 +63,13 @@ fn nearest(pairs: [(f64, DVec3); 3], near: [f64; 4]) -> Shape {
     let sum = |order: &[usize; 3]| along[order[0]].x.abs() + along[order[1]].y.abs() + along[order[2]].z.abs();
     let order = ORDERS.iter().reduce(|best, order| if sum(order) > sum(best) { order } else { best });
     let order = *order.unwrap_or(&ORDERS[0]);
-    let own: [f64; 3] = std::array::from_fn(|k| along[order[k]][k]);
     let directed = std::array::from_fn::<_, 3, _>(|k| {
         let axis = pairs[order[k]].1;
-        if own[k] < 0.0 { -axis } else { axis }
+        if along[order[k]][k] < 0.0 { -axis } else { axis }
     });
-    let mut rotation = DMat3::from_cols(directed[0], directed[1], directed[2]);
-    if rotation.determinant() < 0.0 {
-        // A mirror image: the axis that is the least like its own turns round.
-        let least = if own[1].abs() < own[0].abs() { 1 } else { 0 };
-        let least = if own[2].abs() < own[least].abs() { 2 } else { least };
-        *rotation.col_mut(least) *= -1.0;
-    }
-    let quat = quat_from_rotation(rotation);
+    // This is no mirror image, whose trace beside the other rotation would be at most 1: the sums of the six orders are at least 1
+    // on average, as the squares of the nine numbers are 3 together, and if all are equal to 1, the numbers are 0 or 1 and a sum is 3.
+    let quat = quat_from_rotation(DMat3::from_cols(directed[0], directed[1], directed[2]));
     let dot: f64 = quat.iter().zip(near).map(|(a, b)| a * b).sum();
     Shape { quat: if dot < 0.0 { quat.map(|v| -v) } else { quat }, log_scales: order.map(|axis| pairs[axis].0 / 2.0) }
 }
@@ -210,10 +204,13 @@ mod tests {
             let dot = |quat: [f64; 4]| quat.iter().zip(normalised_quat(near)).map(|(a, b)| a * b).sum::<f64>();
             let half_turns: [[f64; 4]; 4] =
                 std::array::from_fn(|i| std::array::from_fn(|k| f64::from(u8::from(i == k))));
-            let quarter = [std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2];
-            let third = [0.5; 4];
-            for half in half_turns {
-                for turn in [half, quat_multiply(half, quarter), quat_multiply(half, third)] {
+            // The 24 turns of a cube: none or a half, none or one or two thirds, none or a quarter.
+            let root = std::f64::consts::FRAC_1_SQRT_2;
+            let (quarter, third) = ([root, 0.0, 0.0, root], [0.5; 4]);
+            let thirds = [[1.0, 0.0, 0.0, 0.0], third, quat_multiply(third, third)];
+            for (half, third) in half_turns.into_iter().flat_map(|half| thirds.map(|third| (half, third))) {
+                let turn = quat_multiply(half, third);
+                for turn in [turn, quat_multiply(turn, quarter)] {
                     assert!(dot(quat_multiply(other.quat, turn)).abs() < dot(other.quat) + 1e-9, "{case}");
                 }
             }
@@ -273,12 +270,24 @@ mod tests {
                 };
                 let want = (moved(step) - moved(-step)) / (2.0 * step);
                 let nearest = (0..3).map(|k| shape.log_scales[k] - shape.log_scales[(k + 1) % 3]);
-                // Where two sizes are nearly equal, a mean stands for the derivative.
+                // Where two sizes are nearly equal, a mean stands for the derivative (the next test).
                 if nearest.fold(f64::MAX, |least, v| least.min(v.abs())) > EQUAL {
                     assert!((got[i] - want).abs() < 1e-5 * most, "{case}, {i}: {} {want}", got[i]);
                 }
             }
         }
+    }
+
+    /// In a round section the derivative has the size that it has with other axes.
+    #[test]
+    fn round_sections_have_derivatives_of_the_right_size() {
+        let by = ShapeDerivative { quat: [0.0; 4], log_scales: [3.0, 1.0, 0.5] };
+        let shape = |apart: f64| Shape { quat: [1.0, 0.0, 0.0, 0.0], log_scales: [-1.0, -1.0 - apart, -3.0] };
+        let [_, _, _, _, _, xy] = derivative(&shape(0.0), &by);
+        // The number beside the diagonal is half the difference of the two on it, and the coordinate sqrt 2 times that.
+        assert!((xy - std::f64::consts::SQRT_2 * (1.5 - 0.5) / 2.0).abs() < 1e-12, "{xy}");
+        // With sizes apart, a turn says it: none here.
+        assert_eq!(derivative(&shape(0.5), &by)[5], 0.0);
     }
 
     #[test]

@@ -105,7 +105,11 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
     scene.fitted_levels = reader.levels()?;
     scene.validate().map_err(|e| IoError::new(path, e.reason).at(Place::Tensor(e.tensor)))?;
     if let Some(values) = offset_shapes {
-        let (quats, log_scales) = offset_shapes_from(&values, &scene.templates, &scene.offset_runs());
+        let shapes = offset_shapes_from(&values, &scene.templates, &scene.offset_runs());
+        let (quats, log_scales) = shapes.ok_or_else(|| {
+            let tensor = Place::Tensor(format!("offset.{LOG_COVARIANCES}"));
+            IoError::new(path, "has records that belong to several Gaussians of templates").at(tensor)
+        })?;
         scene.offsets = Offsets { quats, log_scales, ..scene.offsets };
     }
     for (name, view) in reader.left {
@@ -157,7 +161,7 @@ impl<'a> Reader<'a> {
         shape.map(Some).map_err(|error| self.error(&form, error.to_string()))
     }
 
-    /// True if any of the tensors exists: then all of them must.
+    /// True if any of the tensors exists.
     fn any(&self, names: &[&str]) -> bool {
         names.iter().any(|name| self.form_of(name).is_some())
     }

@@ -358,13 +358,21 @@ fn shapes_of_shared_and_unused_records_come_back() -> Result<(), IoError> {
     assert!(back.offsets.log_scales[3 * n..].iter().flatten().all(|&v| v == 0.0));
     // Axes are near those of the template, so that offsets are small.
     let most = back.offsets.quats.iter().flatten().fold(0.0f32, |most, v| most.max(v.abs()));
-    assert!(most < 1.0, "{most}");
+    assert!(most < 0.5, "{most}");
     // A record of two Gaussians is no difference to one: those stay as they are, and what they belong to.
     scene.instances[1].first_offset = Some(1);
     let back = through(&scene, Pack::Small)?;
     assert!(names(&scene)?.contains("offset.quats"));
     assert_eq!((&back.offsets.quats, &back.templates.quats), (&scene.offsets.quats, &scene.templates.quats));
-    // So does one of two arrays without the other.
+    // A file that says so all the same is refused.
+    scene.instances[1].first_offset = Some(0);
+    let mut bytes = packed_scene_file_bytes(&scene, Pack::Small, path())?;
+    let (header_bytes, metadata) = safetensors::SafeTensors::read_metadata(&bytes).expect("a header");
+    let at = 8 + header_bytes + metadata.info("instance.first_offset").expect("is there").data_offsets.0;
+    bytes[at + 4..at + 8].copy_from_slice(&1u32.to_le_bytes());
+    let error = parse_scene_file(&bytes, path()).expect_err("is wrong").to_string();
+    assert!(error.contains("offset.log_covariances") && error.contains("several Gaussians"), "{error}");
+    // One of the two arrays without the other stays as it is, too.
     scene.instances[1].first_offset = Some(0);
     scene.offsets.quats.clear();
     let back = through(&scene, Pack::Small)?;

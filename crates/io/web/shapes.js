@@ -1,5 +1,6 @@
 // Sizes and rotations from logarithms of covariances, as scenes packed as `small` hold them: the twin of src/math/log_covariance.rs
-// and crates/io/src/small/shapes.rs, decoding only. Scenes have millions of these: numbers are in arrays that stay.
+// and crates/io/src/small/shapes.rs, decoding only. Scenes have millions of these: the solver's numbers
+// are in arrays that stay.
 
 const ORDERS = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 const SWEEPS = 12;
@@ -33,22 +34,25 @@ export function shapesFrom(coordinates) {
 export function offsetShapesFrom(coordinates, templates, runs) {
   const records = coordinates.length / 6;
   const [quats, logScales] = [new Float32Array(4 * records), new Float32Array(3 * records)];
-  const solver = new ShapeSolver();
+  // Copies of an instance share records.
+  const sourceOf = new Int32Array(records).fill(-1);
   for (const { first, count, firstOffset } of runs) {
-    for (let local = 0; firstOffset >= 0 && local < count; local++) {
-      const [source, record] = [first + local, firstOffset + local];
-      const quat = templates.quats.subarray(4 * source, 4 * source + 4);
-      const sizes = templates.logScales.subarray(3 * source, 3 * source + 3);
-      const length = Math.hypot(quat[0], quat[1], quat[2], quat[3]);
-      if (!(length > 0) || !Number.isFinite(length)) continue;
-      solver.beNear(quat, length);
-      solver.setLogCovariance(sizes);
-      for (let i = 0; i < 6; i++) solver.coordinates[i] += coordinates[6 * record + i];
-      solver.solve();
-      for (let i = 0; i < 4; i++) quats[4 * record + i] = length * solver.quat[i] - quat[i];
-      for (let i = 0; i < 3; i++) logScales[3 * record + i] = solver.logScales[i] - sizes[i];
-    }
+    for (let local = 0; firstOffset >= 0 && local < count; local++) sourceOf[firstOffset + local] = first + local;
   }
+  const solver = new ShapeSolver();
+  sourceOf.forEach((source, record) => {
+    if (source < 0) return;
+    const quat = templates.quats.subarray(4 * source, 4 * source + 4);
+    const sizes = templates.logScales.subarray(3 * source, 3 * source + 3);
+    const length = Math.hypot(quat[0], quat[1], quat[2], quat[3]);
+    if (!(length > 0) || !Number.isFinite(length + sizes[0] + sizes[1] + sizes[2])) return;
+    solver.beNear(quat, length);
+    solver.setLogCovariance(sizes);
+    for (let i = 0; i < 6; i++) solver.coordinates[i] += coordinates[6 * record + i];
+    solver.solve();
+    for (let i = 0; i < 4; i++) quats[4 * record + i] = length * solver.quat[i] - quat[i];
+    for (let i = 0; i < 3; i++) logScales[3 * record + i] = solver.logScales[i] - sizes[i];
+  });
   return { quats, logScales };
 }
 
@@ -115,15 +119,11 @@ class ShapeSolver {
       const sum = Math.abs(along[other[0]]) + Math.abs(along[3 + other[1]]) + Math.abs(along[6 + other[2]]);
       if (sum > most) [order, most] = [other, sum];
     }
-    let least = 0;
     for (let k = 0; k < 3; k++) {
-      const own = along[3 * k + order[k]];
-      for (let i = 0; i < 3; i++) directed[3 * k + i] = own < 0 ? -axes[3 * order[k] + i] : axes[3 * order[k] + i];
-      if (Math.abs(own) < Math.abs(along[3 * least + order[least]])) least = k;
+      const sign = along[3 * k + order[k]] < 0 ? -1 : 1;
+      for (let i = 0; i < 3; i++) directed[3 * k + i] = sign * axes[3 * order[k] + i];
       this.logScales[k] = this.matrix[4 * order[k]] / 2;
     }
-    // A mirror image: the axis that is the least like its own turns round.
-    if (determinant(directed) < 0) for (let i = 0; i < 3; i++) directed[3 * least + i] *= -1;
     setQuat(quat, directed);
     const dot = quat[0] * near[0] + quat[1] * near[1] + quat[2] * near[2] + quat[3] * near[3];
     if (dot < 0) for (let i = 0; i < 4; i++) quat[i] *= -1;
@@ -181,11 +181,6 @@ class ShapeSolver {
   }
 }
 
-/** @param {Float64Array} m three vectors, one after another */
-function determinant(m) {
-  return m[0] * (m[4] * m[8] - m[5] * m[7]) + m[1] * (m[5] * m[6] - m[3] * m[8]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
-}
-
 /**
  * The unit quaternion (w, x, y, z) of a rotation, whose largest component is positive.
  * @param {Float64Array} out
@@ -196,7 +191,7 @@ function setQuat(out, m) {
   const [w, x, y, z] = [1 + m[0] + m[4] + m[8], 1 + m[0] - m[4] - m[8], 1 - m[0] + m[4] - m[8], 1 - m[0] - m[4] + m[8]];
   const most = Math.max(w, x, y, z);
   const row = (/** @type {number} */ a, /** @type {number} */ b, /** @type {number} */ c, /** @type {number} */ d) => {
-    const length = Math.hypot(a, b, c, d);
+    const length = Math.sqrt(a * a + b * b + c * c + d * d);
     out[0] = a / length;
     out[1] = b / length;
     out[2] = c / length;

@@ -54,6 +54,8 @@ pub(super) struct Facts<'a> {
     /// Size of the scene's file; memory of the device in total, and for the scene; bytes.
     pub(super) file_bytes: u64,
     pub(super) device_bytes: [u64; 2],
+    /// Bytes of the scene that are in host memory.
+    pub(super) scene_on_host_bytes: u64,
     /// Current scale of the width and height of frames while the view changes.
     pub(super) scale: f64,
     /// The up axis of the scene.

@@ -164,7 +164,7 @@ struct Played {
     gaussians: PlayedGaussians,
     /// Bytes of the scene that are in host memory, where kernels read what is in view.
     #[serde(skip_serializing_if = "is_zero")]
-    scene_on_host: u64,
+    scene_on_host_bytes: u64,
 }
 
 fn is_zero(bytes: &u64) -> bool {
@@ -177,7 +177,8 @@ struct Drawn {
     device: String,
     /// Number of stored and of expanded Gaussians.
     counts: [u64; 2],
-    scene_on_host: u64,
+    /// Bytes of the scene that are in host memory.
+    scene_on_host_bytes: u64,
     /// Width and height of the frames, pixels.
     size_px: [u32; 2],
     window: bool,
@@ -233,7 +234,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
             let drawn = Drawn {
                 device: report.device,
                 counts,
-                scene_on_host: report.scene_on_host_bytes,
+                scene_on_host_bytes: report.scene_on_host_bytes,
                 size_px: report.size_px,
                 window: true,
             };
@@ -308,7 +309,7 @@ fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<
     let drawn = Drawn {
         device: gpu.caps().name.clone(),
         counts: gaussian_counts(viewer.scene()),
-        scene_on_host: viewer.scene_on_host_bytes(),
+        scene_on_host_bytes: viewer.scene_on_host_bytes(),
         size_px: viewer.size_px().unwrap_or_default(),
         window: false,
     };
@@ -321,7 +322,7 @@ fn gaussian_counts(scene: &InstancedScene) -> [u64; 2] {
 }
 
 fn played(args: &PlayerArgs, drawn: Drawn, timings: &Timings) -> Played {
-    let Drawn { device, counts: [stored, expanded], scene_on_host, size_px: resolution, window } = drawn;
+    let Drawn { device, counts: [stored, expanded], scene_on_host_bytes, size_px: resolution, window } = drawn;
     let ms = Percentiles::of(&timings.ms);
     let pictures = (timings.stats.len() as u64).max(1);
     let mean = |of: fn(&FrameStats) -> u64| timings.stats.iter().map(of).sum::<u64>() / pictures;
@@ -343,7 +344,7 @@ fn played(args: &PlayerArgs, drawn: Drawn, timings: &Timings) -> Played {
             visible: mean(|s| s.visible),
             intersections: mean(|s| s.intersections),
         },
-        scene_on_host,
+        scene_on_host_bytes,
     }
 }
 
@@ -359,8 +360,8 @@ fn print(args: &PlayerArgs, played: &Played, printer: &Printer) -> Result<(), Cl
         "{}: {} frames of {width}x{height} {how}, {:.1} FPS ({:.2} ms)",
         played.device, played.frames, played.fps, played.ms.median
     ));
-    if played.scene_on_host > 0 {
-        printer.line(format_args!("{} bytes of the scene are in host memory", grouped(played.scene_on_host)));
+    if played.scene_on_host_bytes > 0 {
+        printer.line(format_args!("{} bytes of the scene are in host memory", grouped(played.scene_on_host_bytes)));
     }
     if let Some(path) = &args.screenshot {
         printer.line(path.display());

@@ -149,7 +149,7 @@ impl SceneViewer {
 
     /// Memory of the scene on the device, bytes.
     pub fn device_bytes(&self) -> u64 {
-        self.device_scene.bytes()
+        self.device_scene.bytes() - self.device_scene.host_bytes()
     }
 
     /// Draws a frame and waits for it; the frame stays on the device.

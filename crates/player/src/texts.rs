@@ -273,6 +273,7 @@ pub(super) const DRAWN: &str = "drawn in this view";
 pub(super) const IN_TILES: &str = "parts of them in tiles";
 pub(super) const DEVICE_MEMORY: &str = "Memory of the device";
 pub(super) const SCENE_MEMORY: &str = "of it, the scene";
+pub(super) const SCENE_ON_HOST: &str = "Scene in memory of the host";
 pub(super) const OFFSETS: &str = "Offsets of instances";
 pub(super) const OWN: &str = "Own Gaussians";
 pub(super) const DEVICE_TIMES: &str = "Times of the device";

@@ -385,6 +385,7 @@ impl Live {
                 editor: self.session.viewer.editor(),
                 file_bytes: self.session.file_bytes,
                 device_bytes: [self.session.gpu.memory_usage().0, self.session.viewer.device_bytes()],
+                scene_on_host_bytes: self.session.viewer.scene_on_host_bytes(),
                 scale: self.pacing.resolution.scale(),
                 up,
                 step,

@@ -4,6 +4,7 @@
 //! colour times +1 or -1 at random, whatever the rendering is: its square is on average the sum of the squared derivatives
 //! over pixels and channels (Hutchinson's estimator of the diagonal of J^T J). Adam's second moments average it over the
 //! views; learning rates are too small to change a parameter.
+//! Shapes are no parameters: their squares are averaged on the host (`shape_sensitivity.rs`).
 
 use std::path::Path;
 use std::sync::Arc;
@@ -125,11 +126,11 @@ pub fn measure_sensitivity(
     // The loss is a mean over the values of a picture, so its gradient is that of the colours' sum divided by them; the
     // squared error is to be a mean, too.
     let scale = values / (1.0 - DECAY.powf(cameras.len() as f64));
-    let rows = measured_rows(gpu, &state, scale)?;
+    let mut rows = measured_rows(gpu, &state, scale)?;
     let (source_shapes, offset_shapes) = shapes.scaled(values / cameras.len() as f64);
     let own = SharedOwn { scene, packed: &packed };
     let rows = ParameterSet::from_fn(|parameter| {
-        let values = rows[parameter].clone();
+        let values = std::mem::take(&mut rows[parameter]);
         let has_own = match parameter.owner() {
             Owner::Source => true,
             Owner::ShBand(l) => l <= scene.templates.sh_degree,

@@ -4,6 +4,8 @@
 //! squares summed. Of a template's Gaussian it is the gradient when the shapes of all instances change together: a record adds its
 //! coordinates to the template's, so its gradient is a part of the template's.
 
+use rayon::prelude::*;
+
 use instgs_vk::math::log_covariance::{Shape, ShapeDerivative, derivative};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::offset_runs::sources_of_records;
@@ -29,7 +31,12 @@ pub(super) struct ShapeSums {
     records: Vec<Option<(usize, Shape)>>,
     of_sources: Vec<[f64; 6]>,
     of_records: Vec<[f64; 6]>,
+    /// By Gaussian of the templates, in a view: the sum over its records of the derivatives by coordinates and by shapes; empty
+    /// without such records.
+    through: Vec<([f64; 6], ShapeDerivative)>,
 }
+
+const NO_DERIVATIVE: ShapeDerivative = ShapeDerivative { quat: [0.0; 4], log_scales: [0.0; 3] };
 
 fn shape(quat: [f32; 4], log_scales: [f32; 3]) -> Shape {
     Shape { quat: quat.map(f64::from), log_scales: log_scales.map(f64::from) }
@@ -37,7 +44,7 @@ fn shape(quat: [f32; 4], log_scales: [f32; 3]) -> Shape {
 
 /// The derivative by the coordinates; zero for what no pixel saw, and for a shape that has no logarithm.
 fn by_coordinates(shape: &Shape, by: &ShapeDerivative) -> [f64; 6] {
-    if by.quat == [0.0; 4] && by.log_scales == [0.0; 3] {
+    if *by == NO_DERIVATIVE {
         return [0.0; 6];
     }
     let out = derivative(shape, by);
@@ -76,37 +83,43 @@ impl ShapeSums {
             true => sources.iter().enumerate().map(sum_of).collect(),
             false => Vec::new(),
         };
-        Self { of_sources: vec![[0.0; 6]; shapes.len()], of_records: vec![[0.0; 6]; have_shapes], shapes, records }
+        let through = vec![([0.0; 6], NO_DERIVATIVE); if records.is_empty() { 0 } else { templates.len() }];
+        let [of_sources, of_records] = [shapes.len(), have_shapes].map(|rows| vec![[0.0; 6]; rows]);
+        Self { shapes, records, of_sources, of_records, through }
     }
 
     /// Adds a view's.
     pub(super) fn add(&mut self, gradients: &ShapeGradients) {
         let ShapeGradients { quats, log_scales, offset_quats, offset_log_scales } = gradients;
-        // By Gaussian of the templates: what comes through records.
-        let templates = self.records.iter().flatten().map(|(row, _)| row + 1).max().unwrap_or(0);
-        let mut through = vec![([0.0; 6], ShapeDerivative { quat: [0.0; 4], log_scales: [0.0; 3] }); templates];
-        for (record, of) in self.records.iter().enumerate() {
-            let Some((row, shape)) = of else { continue };
+        let of_record = |(record, of): (usize, &Option<(usize, Shape)>)| {
+            let (row, shape) = (*of)?;
             let by = row_of(offset_quats, offset_log_scales, record);
-            let coordinates = by_coordinates(shape, &by);
-            add_squares(&mut self.of_records[record], coordinates);
-            let (sum, sum_by) = &mut through[*row];
+            Some((row, by_coordinates(&shape, &by), by))
+        };
+        let of_records: Vec<_> = self.records.par_iter().enumerate().map(of_record).collect();
+        self.through.fill(([0.0; 6], NO_DERIVATIVE));
+        for (sums, of) in self.of_records.iter_mut().zip(of_records) {
+            let Some((row, coordinates, by)) = of else { continue };
+            add_squares(sums, coordinates);
+            let (sum, sum_by) = &mut self.through[row];
             sum.iter_mut().zip(coordinates).for_each(|(sum, value)| *sum += value);
             sum_by.quat.iter_mut().zip(by.quat).for_each(|(sum, value)| *sum += value);
             sum_by.log_scales.iter_mut().zip(by.log_scales).for_each(|(sum, value)| *sum += value);
         }
-        for (row, (shape, sums)) in self.shapes.iter().zip(&mut self.of_sources).enumerate() {
+        let through = &self.through;
+        self.of_sources.par_iter_mut().zip(&self.shapes).enumerate().for_each(|(row, (sums, shape))| {
             let mut by = row_of(quats, log_scales, row);
             let mut coordinates = [0.0; 6];
             if let Some((sum, sum_by)) = through.get(row) {
-                // What is left is of instances without offsets.
+                // What is left is of instances without offsets. (Where instances share a record, its gradient is of one of them
+                // alone; the others then count as if they had none.)
                 by.quat.iter_mut().zip(sum_by.quat).for_each(|(by, part)| *by -= part);
                 by.log_scales.iter_mut().zip(sum_by.log_scales).for_each(|(by, part)| *by -= part);
                 coordinates = *sum;
             }
             let direct = by_coordinates(shape, &by);
             add_squares(sums, std::array::from_fn(|i| coordinates[i] + direct[i]));
-        }
+        });
     }
 
     /// The sums times a factor, of source Gaussians and of records.

@@ -121,7 +121,7 @@ pub(super) enum Centre {
 
 /// The header of a coded field.
 #[derive(Clone, Debug)]
-pub(super) struct Shape {
+pub(super) struct Header {
     pub(super) rows: usize,
     pub(super) width: usize,
     parts: Vec<Part>,
@@ -139,7 +139,7 @@ impl Part {
     }
 }
 
-impl Shape {
+impl Header {
     /// Parses the header.
     ///
     /// # Errors
@@ -181,7 +181,7 @@ impl Shape {
     }
 }
 
-impl Shape {
+impl Header {
     /// Bytes of the tokens and of the lower bits; `None` if the payload is damaged.
     pub(super) fn stream_bytes(&self, coded: &[u8]) -> Option<[usize; 2]> {
         entropy::stream_bytes(self.parts.len(), coded.get(self.payload..)?)
@@ -299,15 +299,15 @@ pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec
 /// # Errors
 /// The bytes are not a whole field, or the classes that it follows are not those of its rows.
 pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableError> {
-    let shape = Shape::of(coded)?;
-    let Shape { rows, width, .. } = shape;
-    for part in &shape.parts {
+    let header = Header::of(coded)?;
+    let Header { rows, width, .. } = header;
+    for part in &header.parts {
         if classes.of(part.follows).is_some_and(|classes| classes.len() != rows) {
             return Err(TableError::Classes);
         }
     }
     // Columns come one after another; those of a group go to the rows together, as rows are far apart in memory.
-    let groups = shape.parts.chunks(if shape.opponent { 3 } else { 1 });
+    let groups = header.parts.chunks(if header.opponent { 3 } else { 1 });
     let widths: Vec<usize> = groups.map(|parts| parts.iter().map(|part| part.columns).sum()).collect();
     let widest = widths.iter().copied().max().unwrap_or(0);
     let need = rows as u64 * (width + widest) as u64 * size_of::<f32>() as u64;
@@ -319,10 +319,10 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
     values.resize(rows * width, 0.0f32);
     group.try_reserve_exact(rows * widest).map_err(TableError::Allocation)?;
     let of_part = |part: &Part| (part.steps(), classes.of(part.follows), part.memory.part());
-    let columns: Vec<_> = by_column(&shape.parts).iter().map(of_part).collect();
+    let columns: Vec<_> = by_column(&header.parts).iter().map(of_part).collect();
     let (mut c, mut row, mut done, mut first) = (0, 0, 0, 0);
-    let mut prediction = f64::from(shape.centres[0]);
-    entropy::decode(&Layout { rows, columns: &kinds(&shape.parts, classes) }, &coded[shape.payload..], |integer| {
+    let mut prediction = f64::from(header.centres[0]);
+    entropy::decode(&Layout { rows, columns: &kinds(&header.parts, classes) }, &coded[header.payload..], |integer| {
         let (steps, classes, memory) = &columns[c];
         let value = prediction + integer as f64 * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
         // Half a step beyond the largest f32 must not become infinite.
@@ -334,9 +334,9 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
         row += 1;
         if row == rows {
             (c, row) = (c + 1, 0);
-            prediction = shape.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
+            prediction = header.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
             if c == first + widths[done] {
-                put_columns(&group, &mut values, &Place { rows, width, first, are_colours: shape.opponent });
+                put_columns(&group, &mut values, &Place { rows, width, first, are_colours: header.opponent });
                 group.clear();
                 (first, done) = (c, done + 1);
             }

@@ -55,7 +55,7 @@ pub(crate) fn is_plausible(rows: usize, bytes: usize) -> bool {
 /// # Errors
 /// There is no header, or it is impossible.
 pub fn coded_shape(coded: &[u8]) -> Result<(usize, usize), TableError> {
-    field::Shape::of(coded).map(|shape| (shape.rows, shape.width))
+    field::Header::of(coded).map(|header| (header.rows, header.width))
 }
 
 /// The parts of a coded tensor.
@@ -75,10 +75,10 @@ pub struct CodedStreams {
 
 /// The parts of a coded tensor; `None` if it is damaged.
 pub fn coded_streams(coded: &[u8]) -> Option<CodedStreams> {
-    let shape = field::Shape::of(coded).ok()?;
-    let [token_bytes, low_bytes] = shape.stream_bytes(coded)?;
+    let header = field::Header::of(coded).ok()?;
+    let [token_bytes, low_bytes] = header.stream_bytes(coded)?;
     let header_bytes = coded.len() - token_bytes - low_bytes;
-    Some(CodedStreams { rows: shape.rows, width: shape.width, header_bytes, token_bytes, low_bytes })
+    Some(CodedStreams { rows: header.rows, width: header.width, header_bytes, token_bytes, low_bytes })
 }
 
 /// The tensors of a scene's clouds and offsets by name. Fields that cannot be coded (values that are not finite, rotations of
@@ -112,7 +112,7 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
                 any = true;
                 out.push((name + CODED, coded(bytes)));
             }
-            // Only positions can be too far apart: what is coded in another form, colours and rotations, has steps that reach.
+            // Only positions can be too far apart: what is coded in another form, colours and logarithms of covariances, has steps that reach.
             None => out.push((name, floats(&[&[table.rows], &field.shape[..]].concat(), &field.values))),
         }
     }

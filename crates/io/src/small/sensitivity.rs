@@ -11,7 +11,8 @@ use instgs_vk::scene::parameters::{Owner, Parameter, ParameterSet};
 /// where their cloud has it; offset records.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sensitivity {
-    /// By parameter, one number per row, 0 or more; empty for parameters that the scene has not.
+    /// By parameter, one number per row, 0 or more; empty for parameters that the scene has not. Files hold shapes in place of
+    /// sizes and rotations.
     pub rows: ParameterSet<Vec<f32>>,
     /// By source Gaussian, one number for each coordinate of the logarithm of its covariance (`math::log_covariance`), together
     /// with those of the instances that add their offsets to it.

@@ -16,17 +16,23 @@ const MOST_LOG_SCALE: f32 = 1e4;
 /// Rotations and sizes: quaternions (w, x, y, z) and logarithms of standard deviations, or offsets of them.
 pub(crate) type Shapes = (Vec<[f32; 4]>, Vec<[f32; 3]>);
 
-/// The shape of a Gaussian; `None` if it is not a usable one.
+/// The shape of a Gaussian; `None` if it has no axes, or a size that is not finite.
 fn shape_of(quat: [f32; 4], log_scales: [f32; 3]) -> Option<Shape> {
     normal_scale(&quat)?;
-    let fits = log_scales.iter().all(|v| v.abs() <= MOST_LOG_SCALE);
-    fits.then(|| Shape { quat: quat.map(f64::from), log_scales: log_scales.map(f64::from) })
+    let finite = log_scales.iter().all(|v| v.is_finite());
+    finite.then(|| Shape { quat: quat.map(f64::from), log_scales: log_scales.map(f64::from) })
+}
+
+/// The logarithm of a Gaussian's covariance; `None` if f32 do not hold it.
+fn coded(quat: [f32; 4], log_scales: [f32; 3]) -> Option<LogCovariance> {
+    let shape = shape_of(quat, log_scales)?;
+    log_scales.iter().all(|v| v.abs() <= MOST_LOG_SCALE).then(|| log_covariance(&shape))
 }
 
 /// The logarithms of a cloud's covariances; `None` if a rotation has no length, or a value is not finite or too large: then all
 /// stay as they are.
 pub(super) fn cloud_shapes(cloud: &Gaussians) -> Option<Vec<[f32; 6]>> {
-    let of = |(&quat, &log_scales)| Some(log_covariance(&shape_of(quat, log_scales)?).map(|v| v as f32));
+    let of = |(&quat, &log_scales)| Some(coded(quat, log_scales)?.map(|v| v as f32));
     cloud.quats.iter().zip(&cloud.log_scales).map(of).collect()
 }
 
@@ -56,9 +62,7 @@ impl OffsetShapes {
             let Some(row) = source.map(|row| row as usize) else { return Some([0.0; 6]) };
             let [quat, offset] = [scene.templates.quats[row], offsets.quats[record]];
             let [size, wider] = [scene.templates.log_scales[row], offsets.log_scales[record]];
-            let sum =
-                shape_of(std::array::from_fn(|i| quat[i] + offset[i]), std::array::from_fn(|i| size[i] + wider[i]))?;
-            let sum = log_covariance(&sum);
+            let sum = coded(std::array::from_fn(|i| quat[i] + offset[i]), std::array::from_fn(|i| size[i] + wider[i]))?;
             Some(std::array::from_fn(|i| (sum[i] - f64::from(templates[row][i])) as f32))
         };
         sources.iter().enumerate().map(of_record).collect::<Option<_>>().map_or(Self::AsTheyAre, Self::Coded)
@@ -79,10 +83,11 @@ pub(crate) fn shapes_from(log_covariances: &[f32]) -> Shapes {
 }
 
 /// The offsets of rotations and sizes from six coordinates a record, for templates that have been read. Axes are as near as can be
-/// to those of the template's Gaussian, so that offsets are small; those of a record that no instance has are 0.
-pub(crate) fn offset_shapes_from(log_covariances: &[f32], templates: &Gaussians, runs: &[OffsetRun]) -> Shapes {
+/// to those of the template's Gaussian, so that offsets are small; those of a record that no instance has are 0. `None` if a record
+/// belongs to several Gaussians: it cannot be a difference to all of them.
+pub(crate) fn offset_shapes_from(log_covariances: &[f32], templates: &Gaussians, runs: &[OffsetRun]) -> Option<Shapes> {
     let rows = log_covariances.as_chunks::<6>().0;
-    let (sources, _) = sources_of_records(runs, rows.len());
+    let (sources, several) = sources_of_records(runs, rows.len());
     let of = |(source, row): (&Option<u32>, &[f32; 6])| {
         let template = source.and_then(|source| {
             let row = source as usize;
@@ -97,5 +102,5 @@ pub(crate) fn offset_shapes_from(log_covariances: &[f32], templates: &Gaussians,
         let sizes = std::array::from_fn(|i| (sum.log_scales[i] - f64::from(templates.log_scales[at][i])) as f32);
         (quat, sizes)
     };
-    sources.iter().zip(rows).map(of).unzip()
+    (!several).then(|| sources.iter().zip(rows).map(of).unzip())
 }

@@ -10,12 +10,12 @@ use instgs_vk::scene::instanced_scene::InstancedScene;
 use instgs_vk::scene::offset_runs::sources_of_records;
 use instgs_vk::scene::parameters::Parameter;
 
-/// Largest steps: beyond them a change is no longer small, and what sensitivity says of it is wrong. That of logarithms of
-/// variances is 0.4 of a size's.
+/// Largest steps: beyond them a change is no longer small, and what sensitivity says of it is wrong. 0.8 of the logarithm of
+/// a variance is 0.4 of that of a size.
 const MOST_LOG_COVARIANCE: f32 = 0.8;
 const MOST_LOGIT: f32 = 1.0;
 const MOST_SH: f32 = 0.3;
-/// Steps without sensitivity: a size alone changes by at most 2.5 %, an opacity by at most 1/80, the base colour (0.282 times SH)
+/// Steps without sensitivity: a size changes by at most 6 % (six coordinates move it, each by up to 2.5 %), an opacity by at most 1/80, the base colour (0.282 times SH)
 /// by at most 1.2 of 255 levels; a position by 1/32 of its Gaussian's size.
 const FIXED_LOG_COVARIANCE: f32 = 0.1;
 const FIXED_LOGIT: f32 = 0.1;

@@ -35,6 +35,9 @@ pub(super) fn lay_out(ui: &mut Ui, facts: &Facts<'_>) {
         row(texts::FILE, readable(facts.file_bytes));
         row(texts::DEVICE_MEMORY, readable(device));
         row(texts::SCENE_MEMORY, readable(of_scene));
+        if facts.scene_on_host_bytes > 0 {
+            row(texts::SCENE_ON_HOST, readable(facts.scene_on_host_bytes));
+        }
         row(texts::TEMPLATES, readable(scene.templates.tensor_bytes()));
         row(texts::OFFSETS, readable(scene.offsets.tensor_bytes()));
         row(texts::OWN, readable(scene.own.tensor_bytes()));

@@ -52,6 +52,7 @@ impl Desk {
                     editor,
                     file_bytes: 4_800_000,
                     device_bytes: [512 << 20, 300 << 20],
+                    scene_on_host_bytes: 0,
                     scale: 1.0,
                     up: DVec3::Z,
                     step: 0.1,

@@ -12,6 +12,12 @@ pub const OLDER: &[u8] = include_bytes!("../../../../tests/fixtures/small_tables
 /// A scene of coded fields without memory and opponent colours, as older versions wrote them.
 pub const OLDER_CODED: &[u8] = include_bytes!("../../../../tests/fixtures/small_coded.instgs");
 
+/// Scenes with templates, offsets of shapes and own Gaussians that an older version packed (format 4).
+pub const OLDER_SCENES: [&[u8]; 2] = [
+    include_bytes!("../../../../tests/fixtures/small_ablations_4.instgs"),
+    include_bytes!("../../../../tests/fixtures/small_own_4.instgs"),
+];
+
 /// Two instances of a template of three Gaussians, one of them with offsets, and a background of two.
 pub fn scene() -> InstancedScene {
     let instance = |first_offset| Instance { template: 0, world_from_template: Similarity::IDENTITY, first_offset };

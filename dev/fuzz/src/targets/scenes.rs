@@ -29,6 +29,8 @@ fn packed_seeds() -> Result<Vec<Seed>, SeedError> {
         Seed::new("small", files::packed(Pack::Small)?),
         Seed::new("older", files::OLDER),
         Seed::new("older coded", files::OLDER_CODED),
+        Seed::new("older offsets", files::OLDER_SCENES[0]),
+        Seed::new("older own", files::OLDER_SCENES[1]),
     ])
 }
 
