@@ -579,8 +579,17 @@ fn small_is_a_quarter_of_halves_or_less() -> Result<(), IoError> {
 
 #[test]
 fn damaged_tables_are_named() -> Result<(), IoError> {
-    let bytes = packed_scene_file_bytes(&repeated(2, 30), Pack::Small, path())?;
-    let names = ["template.means", "template.log_covariances", "template.opacity_logits", "template.sh"];
+    let mut scene = repeated(2, 30);
+    (scene.offsets.quats, scene.offsets.log_scales) = (vec![[0.1, 0.0, 0.2, 0.0]; 60], vec![[0.1, 0.0, -0.1]; 60]);
+    let bytes = packed_scene_file_bytes(&scene, Pack::Small, path())?;
+    let names = [
+        "template.means",
+        "template.log_covariances",
+        "template.opacity_logits",
+        "template.sh",
+        "offset.log_covariances",
+        "offset.means",
+    ];
     let (header_bytes, metadata) = safetensors::SafeTensors::read_metadata(&bytes).expect("a header");
     for name in names {
         let name = format!("{name}.coded");
@@ -590,7 +599,7 @@ fn damaged_tables_are_named() -> Result<(), IoError> {
             let mut other = bytes.clone();
             other[at + offset] ^= 1;
             let error = parse_scene_file(&other, path()).expect_err("is damaged").to_string();
-            assert!(error.contains("template."), "{error}");
+            assert!(error.contains(&name[..name.find('.').unwrap_or(0)]), "{error}");
         }
     }
     let text = String::from_utf8_lossy(&bytes[..header_bytes]).into_owned();
