@@ -231,5 +231,8 @@ pub(crate) fn assemble(
 }
 
 #[cfg(test)]
+#[path = "scene_write_small_tests.rs"]
+mod small_tests;
+#[cfg(test)]
 #[path = "scene_write_tests.rs"]
 mod tests;

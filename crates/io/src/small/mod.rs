@@ -112,7 +112,8 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
                 any = true;
                 out.push((name + CODED, coded(bytes)));
             }
-            // Only positions can be too far apart: what is coded in another form, colours and logarithms of covariances, has steps that reach.
+            // Only positions can be too far apart: what is coded in another form, colours and logarithms of covariances, has
+            // steps that reach.
             None => out.push((name, floats(&[&[table.rows], &field.shape[..]].concat(), &field.values))),
         }
     }
