@@ -68,19 +68,31 @@ fn token_of(value: i64) -> (u8, u32, u64) {
     ((EXACT + 2 * u64::from(top - 4) + (u >> low & 1)) as u8, low, u & ((1 << low) - 1))
 }
 
-/// Number of lower bits of a token, and u without them.
-fn base_of(token: u8) -> (u32, u64) {
-    let token = u64::from(token);
-    if token < EXACT {
-        return (0, token);
+/// What a token says of u.
+#[derive(Clone, Copy)]
+struct Base {
+    /// u without its lower bits.
+    u: u64,
+    /// Number of lower bits.
+    low: u32,
+}
+
+impl Base {
+    fn of(token: u8) -> Self {
+        let token = u64::from(token);
+        if token < EXACT {
+            return Self { u: token, low: 0 };
+        }
+        let (low, second) = (3 + (token - EXACT) / 2, (token - EXACT) % 2);
+        Self { u: (2 + second) << low, low: low as u32 }
     }
-    let (low, second) = (3 + (token - EXACT) / 2, (token - EXACT) % 2);
-    (low as u32, (2 + second) << low)
 }
 
 fn value_of(u: u64) -> i64 {
     let magnitude = u.div_ceil(2) as i64;
-    if u % 2 == 1 { -magnitude } else { magnitude }
+    // All bits are set for a negative value, which are then those of its complement.
+    let negative = -((u & 1) as i64);
+    (magnitude ^ negative) - negative
 }
 
 /// The tokens of a table in order, and their frequencies, whose sum is 4096; empty for a table that no value uses.
@@ -219,21 +231,22 @@ enum Decoder {
     /// No value uses it.
     Unused,
     /// Every value has this token.
-    Constant(u8),
-    Table(SmallContiguousLookupDecoderModel, Vec<u8>),
+    Constant(Base),
+    Table(SmallContiguousLookupDecoderModel, Vec<Base>),
 }
 
 impl Decoder {
     fn of(table: Frequencies) -> Result<Self, TableError> {
         Ok(match table.tokens[..] {
             [] => Self::Unused,
-            [token] => Self::Constant(token),
+            [token] => Self::Constant(Base::of(token)),
             _ => {
                 let model = SmallContiguousLookupDecoderModel::from_nonzero_fixed_point_probabilities(
                     &table.frequencies,
                     false,
                 );
-                Self::Table(model.map_err(|()| TableError::Frequencies)?, table.tokens)
+                let bases = table.tokens.iter().map(|&token| Base::of(token)).collect();
+                Self::Table(model.map_err(|()| TableError::Frequencies)?, bases)
             }
         })
     }
@@ -252,45 +265,80 @@ pub(super) fn stream_bytes(models: usize, coded: &[u8]) -> Option<[usize; 2]> {
     Some([2 * words, low])
 }
 
-/// Decodes the output of [`encode`]; `put` is called for each value, column by column.
+/// Consecutive values of a column, as they are decoded.
+pub(super) struct Decoded<'a> {
+    /// Index of the column.
+    pub(super) column: usize,
+    /// Row of the first of them.
+    pub(super) first_row: usize,
+    pub(super) values: &'a [i64],
+}
+
+/// Decodes the output of [`encode`]; `put` is called for some values at a time, column by column and row by row.
 ///
 /// # Errors
 /// The bytes are not a whole payload of this layout.
-pub(super) fn decode(layout: &Layout<'_>, coded: &[u8], mut put: impl FnMut(i64)) -> Result<(), TableError> {
+pub(super) fn decode(layout: &Layout<'_>, coded: &[u8], mut put: impl FnMut(Decoded<'_>)) -> Result<(), TableError> {
     let mut bytes = Bytes(coded);
     let words = u32::from_le_bytes(bytes.take()?) as usize;
-    let mut table_of = Vec::with_capacity(layout.models() * CONTEXTS);
-    for _ in 0..layout.models() * CONTEXTS {
-        table_of.push(bytes.take::<1>()?[0]);
+    let mut table_of = Vec::with_capacity(layout.models());
+    for _ in 0..layout.models() {
+        table_of.push(bytes.take::<CONTEXTS>()?);
     }
     let tables = bytes.take::<1>()?[0];
     let tables: Vec<Decoder> =
         (0..tables).map(|_| Decoder::of(Frequencies::read(&mut bytes)?)).collect::<Result<_, _>>()?;
-    if table_of.iter().any(|&table| usize::from(table) >= tables.len()) {
+    if table_of.as_flattened().iter().any(|&table| usize::from(table) >= tables.len()) {
         return Err(TableError::Frequencies);
     }
     let (words, bits) = bytes.0.split_at_checked(2 * words).ok_or(TableError::TooShort)?;
     let words: Vec<u16> = words.as_chunks::<2>().0.iter().map(|&pair| u16::from_le_bytes(pair)).collect();
     // The last word is the state, which is never 0.
-    let mut ans = SmallAnsCoder::from_compressed(words).map_err(|_| TableError::Frequencies)?;
-    let mut bits = BitReader { bytes: bits, held: 0, count: 0 };
-    for place in layout.places() {
-        let token = match &tables[usize::from(table_of[place])] {
-            Decoder::Unused => return Err(TableError::Frequencies),
-            Decoder::Constant(token) => *token,
-            Decoder::Table(model, tokens) => {
-                let index = ans.decode_symbol(model).map_err(|_| TableError::TooShort)?;
-                tokens[index]
+    let ans = SmallAnsCoder::from_compressed(words).map_err(|_| TableError::Frequencies)?;
+    let mut streams = Streams { ans, bits: BitReader { bytes: bits, held: 0, count: 0 } };
+    let mut values = [0; BLOCK];
+    for (column, kind) in layout.columns.iter().enumerate() {
+        let decoders = table_of[kind.model].map(|table| &tables[usize::from(table)]);
+        for first_row in (0..layout.rows).step_by(BLOCK) {
+            let values = &mut values[..BLOCK.min(layout.rows - first_row)];
+            match kind.contexts {
+                None => values.iter_mut().try_for_each(|value| streams.next(decoders[0]).map(|next| *value = next))?,
+                Some(contexts) => {
+                    let contexts = &contexts[first_row..first_row + values.len()];
+                    for (value, &context) in values.iter_mut().zip(contexts) {
+                        *value = streams.next(decoders[usize::from(context)])?;
+                    }
+                }
             }
-        };
-        let (count, base) = base_of(token);
-        let low = if count == 0 { 0 } else { bits.take(count).ok_or(TableError::TooShort)? };
-        put(value_of(base | low));
+            put(Decoded { column, first_row, values });
+        }
     }
-    if !ans.is_empty() || !bits.bytes.is_empty() {
+    if !streams.ans.is_empty() || !streams.bits.is_empty() {
         return Err(TableError::TooLong);
     }
     Ok(())
+}
+
+/// Values that are decoded together: few enough to stay in the nearest cache.
+const BLOCK: usize = 1024;
+
+/// What is left of the two streams.
+struct Streams<'a> {
+    ans: SmallAnsCoder,
+    bits: BitReader<'a>,
+}
+
+impl Streams<'_> {
+    #[inline(always)]
+    fn next(&mut self, decoder: &Decoder) -> Result<i64, TableError> {
+        let base = match decoder {
+            Decoder::Unused => return Err(TableError::Frequencies),
+            Decoder::Constant(base) => *base,
+            Decoder::Table(model, bases) => bases[self.ans.decode_symbol(model).map_err(|_| TableError::TooShort)?],
+        };
+        let low = if base.low == 0 { 0 } else { self.bits.take(base.low).ok_or(TableError::TooShort)? };
+        Ok(value_of(base.u | low))
+    }
 }
 
 #[derive(Default)]
@@ -328,17 +376,32 @@ struct BitReader<'a> {
 
 impl BitReader<'_> {
     /// The next `count` bits, at most 48; `None` beyond the end.
+    #[inline(always)]
     fn take(&mut self, count: u32) -> Option<u64> {
-        while self.count < count {
-            let (&byte, rest) = self.bytes.split_first()?;
-            self.bytes = rest;
-            self.held |= u64::from(byte) << self.count;
-            self.count += 8;
+        if self.count < count {
+            self.refill(count)?;
         }
         let value = self.held & ((1 << count) - 1);
         self.held >>= count;
         self.count -= count;
         Some(value)
+    }
+
+    /// Holds at least `count` bits, and as many whole bytes as there is room for; `None` beyond the end.
+    fn refill(&mut self, count: u32) -> Option<()> {
+        let room = ((u64::BITS - self.count) / 8) as usize;
+        let (more, rest) = self.bytes.split_at(room.min(self.bytes.len()));
+        for (i, &byte) in more.iter().enumerate() {
+            self.held |= u64::from(byte) << (self.count + 8 * i as u32);
+        }
+        self.bytes = rest;
+        self.count += 8 * more.len() as u32;
+        (self.count >= count).then_some(())
+    }
+
+    /// Whether no whole byte is left.
+    fn is_empty(&self) -> bool {
+        self.bytes.is_empty() && self.count < 8
     }
 }
 
@@ -367,7 +430,10 @@ mod tests {
 
     fn back(layout: &Layout<'_>, coded: &[u8]) -> Result<Vec<i64>, TableError> {
         let mut out = Vec::new();
-        decode(layout, coded, |value| out.push(value))?;
+        decode(layout, coded, |decoded| {
+            assert_eq!(decoded.column * layout.rows + decoded.first_row, out.len());
+            out.extend(decoded.values);
+        })?;
         Ok(out)
     }
 
@@ -376,9 +442,9 @@ mod tests {
         let most = MOST_STEPS as i64;
         for value in (-70..70).chain([-most, 1 - most, most - 1, most, 1 << 20, -(1 << 20), 12345, -99999]) {
             let (token, count, low) = token_of(value);
-            let (bits, base) = base_of(token);
-            assert!(usize::from(token) < TOKENS && bits == count && low < 1 << count, "{value}");
-            assert_eq!(value_of(base | low), value);
+            let base = Base::of(token);
+            assert!(usize::from(token) < TOKENS && base.low == count && low < 1 << count, "{value}");
+            assert_eq!(value_of(base.u | low), value);
         }
     }
 

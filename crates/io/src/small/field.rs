@@ -7,7 +7,7 @@
 //! prediction is the centre. After each row it moves by the part's *memory*, from 0 to 1, of the way to the decoded value: with
 //! 0 it stays the centre, with 1 it is the value of the row before. The encoder predicts from decoded values too: no error grows.
 
-use super::entropy::{self, CONTEXTS, ColumnKind, Layout, MOST_STEPS};
+use super::entropy::{self, CONTEXTS, ColumnKind, Decoded, Layout, MOST_STEPS};
 use crate::host_memory::available_bytes;
 use crate::step_columns::TableError;
 use instgs_vk::math::opponent::rgb_from_opponent;
@@ -320,26 +320,35 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
     group.try_reserve_exact(rows * widest).map_err(TableError::Allocation)?;
     let of_part = |part: &Part| (part.steps(), classes.of(part.follows), part.memory.part());
     let columns: Vec<_> = by_column(&header.parts).iter().map(of_part).collect();
-    let (mut c, mut row, mut done, mut first) = (0, 0, 0, 0);
-    let mut prediction = f64::from(header.centres[0]);
-    entropy::decode(&Layout { rows, columns: &kinds(&header.parts, classes) }, &coded[header.payload..], |integer| {
-        let (steps, classes, memory) = &columns[c];
-        let value = prediction + integer as f64 * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
-        // Half a step beyond the largest f32 must not become infinite.
-        group.push(value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32);
-        // Without a memory the next value does not wait for this one.
-        if *memory > 0.0 {
-            prediction = moved(prediction, value, *memory);
+    let (mut done, mut first) = (0, 0);
+    let mut prediction = 0.0;
+    let layout = Layout { rows, columns: &kinds(&header.parts, classes) };
+    entropy::decode(&layout, &coded[header.payload..], |Decoded { column, first_row, values: integers }| {
+        let (steps, classes, memory) = &columns[column];
+        if first_row == 0 {
+            prediction = f64::from(header.centres[column]);
         }
-        row += 1;
-        if row == rows {
-            (c, row) = (c + 1, 0);
-            prediction = header.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
-            if c == first + widths[done] {
-                put_columns(&group, &mut values, &Place { rows, width, first, are_colours: header.opponent });
-                group.clear();
-                (first, done) = (c, done + 1);
+        // Half a step beyond the largest f32 must not become infinite.
+        let narrow = |value: f64| value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32;
+        let mut value_of = |(&integer, class): (&i64, u8)| {
+            let value = prediction + integer as f64 * steps[usize::from(class)];
+            // Without a memory the next value does not wait for this one.
+            if *memory > 0.0 {
+                prediction = moved(prediction, value, *memory);
             }
+            narrow(value)
+        };
+        match classes {
+            None => group.extend(integers.iter().map(|integer| value_of((integer, MIDDLE)))),
+            Some(classes) => {
+                group.extend(integers.iter().zip(classes[first_row..].iter().copied()).map(value_of));
+            }
+        }
+        let is_last = first_row + integers.len() == rows && column + 1 == first + widths[done];
+        if is_last {
+            put_columns(&group, &mut values, &Place { rows, width, first, are_colours: header.opponent });
+            group.clear();
+            (first, done) = (column + 1, done + 1);
         }
     })?;
     Ok(values)

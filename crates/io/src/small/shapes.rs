@@ -1,7 +1,7 @@
 //! Sizes and rotations as `--pack small` codes them: as logarithms of covariances (`math::log_covariance`), those of offsets as
 //! what a record adds to the logarithm of its template's Gaussian.
 
-use instgs_vk::math::log_covariance::{LogCovariance, Shape, log_covariance, nearest_shape};
+use instgs_vk::math::log_covariance::{LogCovariance, Shape, log_covariance, nearest_shape, nearest_shapes};
 use instgs_vk::math::smallest_three::normal_scale;
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::InstancedScene;
@@ -69,17 +69,31 @@ impl OffsetShapes {
     }
 }
 
-fn wide(coordinates: &[f32]) -> LogCovariance {
-    std::array::from_fn(|i| f64::from(coordinates[i]))
+fn wide(coordinates: &[f32; 6]) -> LogCovariance {
+    coordinates.map(f64::from)
 }
+
+/// So many shapes are computed together.
+const LANES: usize = 8;
+/// The rotation that is none.
+const NO_TURN: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
 /// Rotations and sizes from six coordinates a row, with axes as near as can be to those of the scene.
 pub(crate) fn shapes_from(log_covariances: &[f32]) -> Shapes {
-    let of = |row: &[f32; 6]| {
-        let shape = nearest_shape(&wide(row), [1.0, 0.0, 0.0, 0.0]);
-        (shape.quat.map(|v| v as f32), shape.log_scales.map(|v| v as f32))
+    let rows = log_covariances.as_chunks::<6>().0;
+    let (mut quats, mut log_scales) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
+    let mut put = |shape: Shape| {
+        quats.push(shape.quat.map(|v| v as f32));
+        log_scales.push(shape.log_scales.map(|v| v as f32));
     };
-    log_covariances.as_chunks::<6>().0.iter().map(of).unzip()
+    let (groups, rest) = rows.as_chunks::<LANES>();
+    let mut together = [[0.0; 6]; LANES];
+    for group in groups {
+        together.iter_mut().zip(group).for_each(|(of, row)| *of = wide(row));
+        nearest_shapes(&together, [NO_TURN; LANES]).into_iter().for_each(&mut put);
+    }
+    rest.iter().for_each(|row| put(nearest_shape(&wide(row), NO_TURN)));
+    (quats, log_scales)
 }
 
 /// The offsets of rotations and sizes from six coordinates a record, for templates that have been read. Axes are as near as can be
