@@ -9,6 +9,8 @@ const CONTEXTS = 15;
 const MIDDLE = 7;
 const EXACT = 16;
 const PRECISION = 12;
+/** Bits that are taken at once: with seven that are left of a byte, and 8 more, they stay below 32. */
+const MOST_SHIFT = 16;
 const DELTA = 1;
 const OPPONENT = 2;
 const KINDS = 16;
@@ -62,48 +64,84 @@ export function decodeField(bytes, classes) {
   const centres = Array.from({ length: width }, () => cursor.f32());
   const decoder = new IntegerDecoder(cursor, count);
   const values = new Float32Array(rows * width);
-  let column = 0;
-  parts.forEach((part, model) => {
-    const memory = flags & DELTA ? 1 : part.memory;
-    for (let end = column + part.columns; column < end; column++) {
-      let prediction = centres[column];
-      for (let row = 0; row < rows; row++) {
-        const context = part.classes ? part.classes[row] : 0;
-        const integer = decoder.next(model * CONTEXTS + context);
-        const value = prediction + integer * part.steps[part.classes ? context : MIDDLE];
-        values[row * width + column] = value;
-        if (memory > 0) prediction = (1 - memory) * prediction + memory * value;
+  const areColours = (flags & OPPONENT) !== 0;
+  const integers = new Float64Array(rows);
+  const delta = (flags & DELTA) !== 0;
+  let first = 0;
+  // Columns come one after another; those of a group go to the rows together, as rows are far apart in memory.
+  for (let model = 0; model < count;) {
+    const group = parts.slice(model, model + (areColours ? 3 : 1));
+    const columns = new Float32Array(rows * group.reduce((sum, part) => sum + part.columns, 0));
+    let at = 0;
+    for (const part of group) {
+      for (let k = 0; k < part.columns; k++, at++) {
+        decoder.column(model, part.classes, integers);
+        putValues(integers, delta ? { ...part, memory: 1 } : part, centres[first + at], columns.subarray(at * rows, (at + 1) * rows));
       }
+      model++;
     }
-  });
-  if (flags & OPPONENT) rgbFromOpponent(values, width, parts);
+    if (areColours) putColours(columns, values, { rows, width, first });
+    else putColumns(columns, values, { rows, width, first });
+    first += at;
+  }
   return values;
 }
 
 /**
- * Turns rows of brightness and two differences of colour, band by band, to rows of red, green and blue by coefficient.
- * @param {Float32Array} values
- * @param {number} width
- * @param {Part[]} parts three for each band
+ * The values of a column.
+ * @param {Float64Array} integers
+ * @param {Part} part
+ * @param {number} centre
+ * @param {Float32Array} out
  */
-function rgbFromOpponent(values, width, parts) {
-  const coded = new Float32Array(width);
+function putValues(integers, part, centre, out) {
+  const { steps, classes, memory } = part;
+  let prediction = centre;
+  for (let row = 0; row < out.length; row++) {
+    const value = prediction + integers[row] * steps[classes ? classes[row] : MIDDLE];
+    out[row] = value;
+    if (memory > 0) prediction = (1 - memory) * prediction + memory * value;
+  }
+}
+
+/**
+ * Where columns lie in rows of values.
+ * @typedef {{rows: number, width: number, first: number}} Place
+ */
+
+/**
+ * Puts consecutive columns into rows.
+ * @param {Float32Array} columns
+ * @param {Float32Array} values
+ * @param {Place} place
+ */
+function putColumns(columns, values, { rows, width, first }) {
+  const count = columns.length / rows;
+  for (let row = 0; row < rows; row++) {
+    for (let c = 0; c < count; c++) values[row * width + first + c] = columns[c * rows + row];
+  }
+}
+
+/**
+ * Puts columns of a band's brightness and two differences of colour into rows, as red, green and blue by coefficient.
+ * @param {Float32Array} columns
+ * @param {Float32Array} values
+ * @param {Place} place
+ */
+function putColours(columns, values, { rows, width, first }) {
+  const third = columns.length / 3;
+  const count = third / rows;
   const rootThird = 1 / Math.sqrt(3);
-  for (let row = 0; row < values.length; row += width) {
-    coded.set(values.subarray(row, row + width));
-    let first = 0;
-    for (let part = 0; part < parts.length; part += 3) {
-      const count = parts[part].columns;
-      for (let i = 0; i < count; i++) {
-        const mean = rootThird * coded[first + i];
-        const half = Math.SQRT1_2 * coded[first + count + i];
-        const green = rootThird * Math.SQRT1_2 * coded[first + 2 * count + i];
-        const at = row + first + 3 * i;
-        values[at] = mean + half + green;
-        values[at + 1] = mean - 2 * green;
-        values[at + 2] = mean - half + green;
-      }
-      first += 3 * count;
+  for (let row = 0; row < rows; row++) {
+    let at = row * width + first;
+    for (let i = 0; i < count; i++) {
+      const from = i * rows + row;
+      const mean = rootThird * columns[from];
+      const half = Math.SQRT1_2 * columns[third + from];
+      const green = rootThird * Math.SQRT1_2 * columns[2 * third + from];
+      values[at++] = mean + half + green;
+      values[at++] = mean - 2 * green;
+      values[at++] = mean - half + green;
     }
   }
 }
@@ -163,7 +201,8 @@ class IntegerDecoder {
     const words = cursor.u32();
     this.tableOf = Array.from({ length: models * CONTEXTS }, () => cursor.u8());
     this.tables = Array.from({ length: cursor.u8() }, () => readTable(cursor));
-    this.words = Uint16Array.from({ length: words }, () => cursor.u16());
+    this.words = new Uint16Array(words);
+    for (let i = 0; i < words; i++) this.words[i] = cursor.u16();
     this.left = words;
     this.bits = cursor.bytes;
     this.bitsAt = cursor.at;
@@ -174,46 +213,77 @@ class IntegerDecoder {
     while (this.left > 0 && this.state < 65536) this.state = this.state * 65536 + this.words[--this.left];
   }
 
-  /** @param {number} place model and context of the value */
-  next(place) {
-    const token = this.token(this.tables[this.tableOf[place]]);
-    if (token < EXACT) return token % 2 ? -(token + 1) / 2 : token / 2;
-    const low = 3 + ((token - EXACT) >> 1);
-    const u = (2 + ((token - EXACT) & 1)) * 2 ** low + this.lowBits(low);
+  /**
+   * The integers of the next column.
+   * @param {number} model
+   * @param {Uint8Array | null} contexts of the rows; null if all have context 0
+   * @param {Float64Array} out
+   */
+  column(model, contexts, out) {
+    const tables = this.tableOf.slice(model * CONTEXTS, (model + 1) * CONTEXTS).map((table) => this.tables[table]);
+    const { words } = this;
+    let { state, left } = this;
+    for (let row = 0; row < out.length; row++) {
+      const table = tables[contexts ? contexts[row] : 0];
+      let token = table.tokens[0];
+      if (table.tokens.length > 1) {
+        const part = state & 4095;
+        const index = table.indexOf[part];
+        const first = table.firsts[index];
+        state = (state >>> PRECISION) * (table.firsts[index + 1] - first) + part - first;
+        if (state < 65536 && left > 0) state = state * 65536 + words[--left];
+        token = table.tokens[index];
+      }
+      out[row] = token < EXACT ? signed(token) : this.large(token - EXACT);
+    }
+    this.state = state;
+    this.left = left;
+  }
+
+  /**
+   * The integer of a token that says the highest two bits alone.
+   * @param {number} token counted from the first of them
+   */
+  large(token) {
+    const low = 3 + (token >> 1);
+    const highest = 2 + (token & 1);
+    if (low <= MOST_SHIFT) return signed((highest << low) | this.fewBits(low));
+    const u = highest * 2 ** low + this.manyBits(low);
     return u % 2 ? -(u + 1) / 2 : u / 2;
   }
 
-  /** @param {ReturnType<typeof readTable>} table */
-  token(table) {
-    if (table.tokens.length < 2) return table.tokens[0];
-    const part = this.state & 4095;
-    const index = table.indexOf[part];
-    const first = table.firsts[index];
-    let state = Math.floor(this.state / 4096) * (table.firsts[index + 1] - first) + part - first;
-    if (state < 65536 && this.left > 0) state = state * 65536 + this.words[--this.left];
-    this.state = state;
-    return table.tokens[index];
+  /** @param {number} count at most MOST_SHIFT */
+  fewBits(count) {
+    while (this.heldCount < count) {
+      this.held |= this.bits[this.bitsAt++] << this.heldCount;
+      this.heldCount += 8;
+    }
+    const value = this.held & ((1 << count) - 1);
+    this.held >>>= count;
+    this.heldCount -= count;
+    return value;
   }
 
   /** @param {number} count at most 45 */
-  lowBits(count) {
-    // Numbers hold 53 bits: bits are taken one byte at a time.
+  manyBits(count) {
+    // Numbers hold 53 bits, but shifts 32.
     let value = 0;
     let scale = 1;
-    while (count > 0) {
-      if (this.heldCount === 0) {
-        this.held = this.bits[this.bitsAt++];
-        this.heldCount = 8;
-      }
-      const taken = Math.min(count, this.heldCount);
-      value += (this.held & ((1 << taken) - 1)) * scale;
+    for (let left = count; left > 0; left -= MOST_SHIFT) {
+      const taken = Math.min(left, MOST_SHIFT);
+      value += this.fewBits(taken) * scale;
       scale *= 2 ** taken;
-      this.held >>= taken;
-      this.heldCount -= taken;
-      count -= taken;
     }
     return value;
   }
+}
+
+/**
+ * The integer that u stands for: odd ones are negative.
+ * @param {number} u below 2^31
+ */
+function signed(u) {
+  return u & 1 ? -((u + 1) >> 1) : u >> 1;
 }
 
 /**
