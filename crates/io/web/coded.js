@@ -9,7 +9,7 @@ const CONTEXTS = 15;
 const MIDDLE = 7;
 const EXACT = 16;
 const PRECISION = 12;
-/** Bits that are taken at once: with seven that are left of a byte, and 8 more, they stay below 32. */
+/** Bits that are taken at once: with up to 7 that are left of a byte before, they fit the 32 of a shift. */
 const MOST_SHIFT = 16;
 const DELTA = 1;
 const OPPONENT = 2;
@@ -61,29 +61,30 @@ export function decodeField(bytes, classes) {
   const count = cursor.u8();
   const flags = cursor.u8();
   const parts = Array.from({ length: count }, () => readPart(cursor, classes));
+  if (flags & DELTA) parts.forEach((part) => { part.memory = 1; });
   const centres = Array.from({ length: width }, () => cursor.f32());
   const decoder = new IntegerDecoder(cursor, count);
   const values = new Float32Array(rows * width);
   const areColours = (flags & OPPONENT) !== 0;
-  const integers = new Float64Array(rows);
-  const delta = (flags & DELTA) !== 0;
-  let first = 0;
   // Columns come one after another; those of a group go to the rows together, as rows are far apart in memory.
-  for (let model = 0; model < count;) {
-    const group = parts.slice(model, model + (areColours ? 3 : 1));
-    const columns = new Float32Array(rows * group.reduce((sum, part) => sum + part.columns, 0));
-    let at = 0;
-    for (const part of group) {
-      for (let k = 0; k < part.columns; k++, at++) {
-        decoder.column(model, part.classes, integers);
-        putValues(integers, delta ? { ...part, memory: 1 } : part, centres[first + at], columns.subarray(at * rows, (at + 1) * rows));
-      }
-      model++;
+  const inGroup = areColours ? 3 : 1;
+  const widest = inGroup * parts.reduce((most, part) => Math.max(most, part.columns), 0);
+  const integers = new Float64Array(rows);
+  const group = new Float32Array(rows * widest);
+  let first = 0;
+  let inside = 0;
+  parts.forEach((part, model) => {
+    for (let k = 0; k < part.columns; k++, inside++) {
+      decoder.column(model, part.classes, integers);
+      putValues(integers, part, centres[first + inside], group.subarray(inside * rows, (inside + 1) * rows));
     }
+    if ((model + 1) % inGroup !== 0) return;
+    const columns = group.subarray(0, inside * rows);
     if (areColours) putColours(columns, values, { rows, width, first });
     else putColumns(columns, values, { rows, width, first });
-    first += at;
-  }
+    first += inside;
+    inside = 0;
+  });
   return values;
 }
 
@@ -280,7 +281,7 @@ class IntegerDecoder {
 
 /**
  * The integer that u stands for: odd ones are negative.
- * @param {number} u below 2^31
+ * @param {number} u below 2^18
  */
 function signed(u) {
   return u & 1 ? -((u + 1) >> 1) : u >> 1;

@@ -90,9 +90,9 @@ impl Base {
 
 fn value_of(u: u64) -> i64 {
     let magnitude = u.div_ceil(2) as i64;
-    // All bits are set for a negative value, which are then those of its complement.
-    let negative = -((u & 1) as i64);
-    (magnitude ^ negative) - negative
+    // -1 for a negative value, else 0: flipping all bits and adding 1 negates, without a branch that is hard to predict.
+    let sign = -((u & 1) as i64);
+    (magnitude ^ sign) - sign
 }
 
 /// The tokens of a table in order, and their frequencies, whose sum is 4096; empty for a table that no value uses.
@@ -478,6 +478,41 @@ mod tests {
             let layout = Layout { rows, columns: &columns };
             let values: Vec<i64> = (0..2 * rows as i64).map(|i| i * i - 40).collect();
             assert_eq!(back(&layout, &encode(&layout, &values)).expect("decodes"), values);
+        }
+    }
+
+    #[test]
+    fn values_of_all_widths_come_back_across_blocks() {
+        let mut rng = Rng::new(17);
+        let most = MOST_STEPS as i64;
+        for rows in [BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK + 1] {
+            let contexts: Vec<u8> = (0..rows).map(|_| rng.index(CONTEXTS) as u8).collect();
+            let columns = [ColumnKind { model: 0, contexts: Some(&contexts) }, ColumnKind { model: 1, contexts: None }];
+            let layout = Layout { rows, columns: &columns };
+            // From none to 45 lower bits, one after another: the reader of bits is refilled with any number left.
+            let any = |rng: &mut Rng| match rng.index(20) {
+                0 => most,
+                1 => -most,
+                _ => ((rng.normal() * (rng.index(43) as f64).exp2()) as i64).clamp(-most, most),
+            };
+            let values: Vec<i64> = (0..2 * rows).map(|_| any(&mut rng)).collect();
+            assert_eq!(back(&layout, &encode(&layout, &values)).expect("decodes"), values, "{rows}");
+        }
+    }
+
+    #[test]
+    fn more_bytes_than_there_are_values_for_are_refused() {
+        let rows = 50;
+        let columns = [ColumnKind { model: 0, contexts: None }];
+        let layout = Layout { rows, columns: &columns };
+        // With lower bits, and without.
+        for scale in [1, 1000] {
+            let values: Vec<i64> = (0..rows as i64).map(|i| i % 7 * scale).collect();
+            let mut coded = encode(&layout, &values);
+            for _ in 0..10 {
+                coded.push(0);
+                assert!(matches!(back(&layout, &coded), Err(TableError::TooLong)));
+            }
         }
     }
 

@@ -428,3 +428,60 @@ fn reach(values: impl Iterator<Item = f32> + Clone, centre: f32, moves: bool) ->
     // that range and a step.
     of(&mut values.into_iter()) * if moves { 2.5 } else { 1.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::opponent::to_opponent;
+    use super::*;
+    use instgs_vk::math::rng::Rng;
+
+    /// Numbers of rows around those that are decoded together.
+    const ROWS: [usize; 6] = [0, 1, 1023, 1024, 1025, 2049];
+
+    fn part(columns: usize, follows: Follows, memory: Memory) -> Part {
+        Part { columns, step: 0.01, most: 0.04, follows, memory }
+    }
+
+    #[test]
+    fn values_come_back_to_half_a_step_whatever_the_memory() {
+        let mut rng = Rng::new(3);
+        for rows in ROWS {
+            let class = |rng: &mut Rng| (0..rows).map(|_| rng.index(CONTEXTS) as u8).collect::<Vec<_>>();
+            let classes = Classes { shape: class(&mut rng), colour: class(&mut rng) };
+            let follows = [Follows::Nothing, Follows::Shape, Follows::Colour];
+            for (memory, follows) in TRIED.into_iter().map(Memory::Quarters).zip(follows.into_iter().cycle()) {
+                let parts = [part(2, follows, memory), part(3, Follows::Nothing, Memory::NONE)];
+                let values: Vec<f32> = (0..5 * rows).map(|_| (3.0 + rng.normal()) as f32).collect();
+                let plan = Plan { parts: &parts, classes: &classes, centre: Centre::Middle, opponent: false };
+                let coded = encode(&values, rows, &plan).expect("in reach");
+                let decoded = decode(&coded, &classes).expect("decodes");
+                assert_eq!(decoded.len(), values.len());
+                for (i, (value, was)) in decoded.iter().zip(&values).enumerate() {
+                    let class = classes.of(follows).filter(|_| i % 5 < 2).map_or(MIDDLE, |classes| classes[i / 5]);
+                    let half = parts[0].steps()[usize::from(class)] / 2.0;
+                    assert!(f64::from((value - was).abs()) <= half + 1e-6, "{rows}, {memory:?}, {i}: {value} {was}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn colours_of_several_bands_come_back() {
+        let mut rng = Rng::new(4);
+        // Bands of one and three coefficients: twelve numbers a row.
+        let parts: Vec<Part> =
+            [1, 3].into_iter().flat_map(|n| [part(n, Follows::Nothing, Memory::Quarters(1)); 3]).collect();
+        for rows in ROWS {
+            let rgb: Vec<f32> = (0..12 * rows).map(|_| rng.normal() as f32).collect();
+            let classes = Classes::default();
+            let plan = Plan { parts: &parts, classes: &classes, centre: Centre::Zero, opponent: true };
+            let coded = encode(&to_opponent(&rgb, &[1, 3]), rows, &plan).expect("in reach");
+            let decoded = decode(&coded, &classes).expect("decodes");
+            assert_eq!(decoded.len(), rgb.len());
+            // Three numbers are each off by half a step, in an orthonormal basis.
+            for (i, (value, was)) in decoded.iter().zip(&rgb).enumerate() {
+                assert!((value - was).abs() <= 0.005 * 3f32.sqrt() + 1e-5, "{rows}, {i}: {value} {was}");
+            }
+        }
+    }
+}

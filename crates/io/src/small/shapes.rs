@@ -1,7 +1,7 @@
 //! Sizes and rotations as `--pack small` codes them: as logarithms of covariances (`math::log_covariance`), those of offsets as
 //! what a record adds to the logarithm of its template's Gaussian.
 
-use instgs_vk::math::log_covariance::{LogCovariance, Shape, log_covariance, nearest_shape, nearest_shapes};
+use instgs_vk::math::log_covariance::{LogCovariance, NO_TURN, Shape, log_covariance, nearest_shape, nearest_shapes};
 use instgs_vk::math::smallest_three::normal_scale;
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::InstancedScene;
@@ -73,10 +73,8 @@ fn wide(coordinates: &[f32; 6]) -> LogCovariance {
     coordinates.map(f64::from)
 }
 
-/// So many shapes are computed together.
+/// So many shapes are computed together: vectors of four f64 twice, so that one waits while the other divides.
 const LANES: usize = 8;
-/// The rotation that is none.
-const NO_TURN: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
 /// Rotations and sizes from six coordinates a row, with axes as near as can be to those of the scene.
 pub(crate) fn shapes_from(log_covariances: &[f32]) -> Shapes {
@@ -90,7 +88,7 @@ pub(crate) fn shapes_from(log_covariances: &[f32]) -> Shapes {
     let mut together = [[0.0; 6]; LANES];
     for group in groups {
         together.iter_mut().zip(group).for_each(|(of, row)| *of = wide(row));
-        nearest_shapes(&together, [NO_TURN; LANES]).into_iter().for_each(&mut put);
+        nearest_shapes(&together, &[NO_TURN; LANES]).into_iter().for_each(&mut put);
     }
     rest.iter().for_each(|row| put(nearest_shape(&wide(row), NO_TURN)));
     (quats, log_scales)
