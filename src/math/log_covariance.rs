@@ -92,7 +92,7 @@ fn nearest(pairs: [(f64, DVec3); 3], near: [f64; 4]) -> Shape {
     Shape { quat: if dot < 0.0 { quat.map(|v| -v) } else { quat }, log_scales: order.map(|axis| pairs[axis].0 / 2.0) }
 }
 
-/// Eigenvalues and unit eigenvectors of several matrices, by Jacobi's method. For 3 by 3 alone, and many times as fast as
+/// Eigenvalues and unit eigenvectors of several matrices, by Jacobi's method. For 3 by 3 alone, and several times as fast as
 /// `math::eigen`: a scene has millions of these. Each has the same result whatever the others are, but for the sign of a zero.
 fn eigen<const N: usize>(matrices: [DMat3; N]) -> [[(f64, DVec3); 3]; N] {
     let mut turning = Turning { a: [[[0.0; N]; 3]; 3], vectors: [[[0.0; N]; 3]; 3] };

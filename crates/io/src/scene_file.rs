@@ -443,7 +443,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The values as rows of D, where they are: a copy of a large scene's SH coefficients would take a tenth of the time to load it.
+/// The values as rows of D, where they are: a copy of a large scene's SH coefficients takes a twentieth of the time to load it.
 fn in_rows<const D: usize>(values: Vec<f32>) -> Vec<[f32; D]> {
     // A capacity that is no multiple of D needs a copy.
     bytemuck::try_cast_vec(values).unwrap_or_else(|(_, values)| values.as_chunks().0.to_vec())

@@ -73,7 +73,7 @@ fn wide(coordinates: &[f32; 6]) -> LogCovariance {
     coordinates.map(f64::from)
 }
 
-/// So many shapes are computed together: vectors of four f64 twice, so that one waits while the other divides.
+/// So many shapes are computed together: a few vectors of f64 on any CPU, so that some divide while others wait for theirs.
 const LANES: usize = 8;
 
 /// Rotations and sizes from six coordinates a row, with axes as near as can be to those of the scene.
