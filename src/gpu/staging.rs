@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::buffer::{Buffer, Home};
+use super::buffer::Buffer;
 use super::context::Gpu;
 use super::error::GpuError;
 use super::recorder::Recorder;
@@ -19,18 +19,6 @@ fn staged<T>(gpu: &Gpu, len: usize) -> usize {
 /// A device buffer with the given contents.
 pub fn upload<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, name: &str, data: &[T]) -> Result<Buffer<T>, GpuError> {
     let mut buffer = Buffer::new(gpu, name, data.len())?;
-    write(gpu, &mut buffer, data)?;
-    Ok(buffer)
-}
-
-/// The same as [`upload`], into a buffer at `home` that dispatches may bind in parts ([`Buffer::in_parts`]).
-pub fn upload_in_parts<T: bytemuck::NoUninit>(
-    gpu: &Arc<Gpu>,
-    name: &str,
-    data: &[T],
-    home: Home,
-) -> Result<Buffer<T>, GpuError> {
-    let mut buffer = Buffer::in_parts(gpu, name, data.len(), home)?;
     write(gpu, &mut buffer, data)?;
     Ok(buffer)
 }

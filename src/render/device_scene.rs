@@ -14,14 +14,16 @@ use crate::gpu::{Buffer, BufferPart, Gpu, GpuError, Home, Recorder};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::Levels;
+use crate::scene::lod::pages::PageTable;
 use crate::scene::parameters::Rows;
+use crate::scene::source_layout::CloudSize;
 use crate::scene::{
-    DevicePrecision, InstancedScene, Owner, Parameter, ParameterSet, PixelFilter, SourceLayout, SourceRange,
+    DevicePrecision, Gaussians, InstancedScene, Owner, Parameter, ParameterSet, PixelFilter, SourceLayout, SourceRange,
 };
 
 use super::error::RenderError;
 use super::instance_table::{InstanceTable, RecordedChanges};
-use super::level_tables::build_level_tables;
+use super::level_tables::{PagedTables, build_level_tables, build_paged_tables};
 use super::packed_buffers::{PackedBuffers, planned_packed_bytes, stays_f32};
 use super::packed_scene::PackedScene;
 use super::parameter_buffers::{ParameterBuffers, planned_parameter_bytes};
@@ -98,6 +100,9 @@ pub struct Holding {
 /// what is in view.
 const LARGE: f64 = 0.75;
 
+/// Packing rounds logarithms of standard deviations, which are below 32, by at most 2^-7.
+const HALF_LOG: f64 = 1.008;
+
 /// The clouds and offsets to upload.
 struct Content<'a> {
     /// Of a packed scene, what stays in f32.
@@ -105,6 +110,8 @@ struct Content<'a> {
     /// What of them is not in f32; nothing if `precision` is.
     packed: &'a PackedScene,
     holding: Holding,
+    /// Rows of the background beyond those of the scene, with undefined contents.
+    spare: usize,
 }
 
 impl DeviceScene {
@@ -126,7 +133,7 @@ impl DeviceScene {
             DevicePrecision::F32 => build_tables(scene, chunk_size)?,
             _ => build_tables(&packed.with_unpacked_shapes(scene), chunk_size)?,
         };
-        let content = Content { scene, packed: &packed, holding };
+        let content = Content { scene, packed: &packed, holding, spare: 0 };
         Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)
     }
 
@@ -140,7 +147,7 @@ impl DeviceScene {
         check_limit(scene.source_len())?;
         let mut tables = build_tables(scene, chunk_size)?;
         tables.widen();
-        let content = Content { scene, packed: &PackedScene::default(), holding: Holding::default() };
+        let content = Content { scene, packed: &PackedScene::default(), holding: Holding::default(), spare: 0 };
         let out = Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)?;
         Ok(Self { table: None, own_may_grow: !scene.own_ranges.is_empty(), ..out })
     }
@@ -171,9 +178,59 @@ impl DeviceScene {
         levels.swap_pool(&mut pool);
         let tables = build_level_tables(&levels, chunk_size)?;
         levels.swap_pool(&mut pool);
-        let content = Content { scene: &pool, packed: &packed, holding };
+        let content = Content { scene: &pool, packed: &packed, holding, spare: 0 };
         let out = Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)?;
         Ok(Self { expanded_len: scene.expanded_len(), coarser: Some(levels.coarser), ..out })
+    }
+
+    /// Uploads a scene whose background is in pages, with room for `spare` more rows of the background. The background of
+    /// `scene` are the stand-ins, and [`PagedScene`](super::PagedScene) shows them and the pages. Also returns where the rows of
+    /// blocks and levels begin.
+    ///
+    /// # Errors
+    /// The same errors as [`DeviceScene::with_levels`].
+    pub(super) fn with_pages(
+        gpu: &Arc<Gpu>,
+        scene: &InstancedScene,
+        pages: &PageTable,
+        spare: usize,
+        chunk_size: u32,
+        precision: DevicePrecision,
+    ) -> Result<(Self, [u32; 2]), RenderError> {
+        scene.validate()?;
+        let mut levels = Levels::of(&InstancedScene { background: Gaussians::default(), ..scene.clone() });
+        // Pages begin at whole words of packed arrays, so what comes before them has an even number of rows.
+        if !(levels.templates.len() + levels.own.len()).is_multiple_of(2) {
+            let cloud = if levels.own.is_empty() { &mut levels.templates } else { &mut levels.own };
+            let last = cloud.range(SourceRange { first: cloud.len() as u32 - 1, count: 1 });
+            cloud.append(&last);
+        }
+        check_limit(levels.templates.len() + levels.own.len() + scene.background.len() + spare)?;
+        levels.background = scene.background.clone();
+        let sigma_factor = if precision == DevicePrecision::F32 { 1.0 } else { HALF_LOG };
+        let PagedTables { tables, first_block, first_level } =
+            build_paged_tables(&levels, pages, sigma_factor, chunk_size)?;
+        let mut pool = InstancedScene { pixel_filter: scene.pixel_filter, ..InstancedScene::default() };
+        levels.swap_pool(&mut pool);
+        let packed = match precision {
+            DevicePrecision::F32 => PackedScene::default(),
+            _ => PackedScene::new(&pool, &levels.offset_runs(), precision)?,
+        };
+        let holding = Holding { precision, on_host_if_large: false };
+        let content = Content { scene: &pool, packed: &packed, holding, spare };
+        let out = Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)?;
+        // Rows of coarser levels of instances come after the blocks.
+        let blocks = pages.block_counts.len() as u32;
+        let coarser = levels.coarser.iter().map(|rows| rows.start + blocks..rows.end + blocks).collect();
+        let expanded_len = scene.expanded_len() - scene.background.len() as u64 + pages.rows()[0];
+        Ok((Self { expanded_len, coarser: Some(coarser), ..out }, [first_block, first_level]))
+    }
+
+    /// Changes a row of the instance table that is of no instance, as [`DeviceScene::place_instances`] does.
+    pub(super) fn change_row(&mut self, index: usize, change: impl FnOnce(&mut types::Instance)) {
+        if let Some(table) = &mut self.table {
+            table.change(index, |row, _| change(row));
+        }
     }
 
     /// Uploads the clouds and offsets of a scene with tables that index them; `layout` has the instances.
@@ -184,11 +241,15 @@ impl DeviceScene {
         tables: Tables,
         chunk_size: u32,
     ) -> Result<Self, RenderError> {
-        let Content { scene, packed, holding: Holding { precision, on_host_if_large } } = *content;
+        let Content { scene, packed, holding: Holding { precision, on_host_if_large }, spare } = *content;
         let sh_degree = scene.sh_degree();
+        let spare = CloudSize { len: spare, sh_degree: scene.background.sh_degree };
+        let spare_rows = ParameterSet::from_fn(|p| p.source_rows([CloudSize::default(), spare]).unwrap_or([0, 0]));
         let rows = scene.parameter_rows();
+        let rows = ParameterSet::from_fn(|p| [rows[p][0], rows[p][1] + spare_rows[p][1]]);
         let is_f32 = |parameter| precision == DevicePrecision::F32 || stays_f32(parameter);
         let rows_in_f32 = ParameterSet::from_fn(|p| if is_f32(p) { rows[p] } else { [0, 0] });
+        let spare_packed = ParameterSet::from_fn(|p| if is_f32(p) { 0 } else { spare_rows[p][1] });
         let windows = windows_of(gpu, &rows, sh_degree, precision, chunk_size)?;
         let f32_bytes = |(p, rows): (Parameter, &Rows)| 4 * (rows.iter().sum::<usize>() * p.width()) as u64;
         let bytes = rows_in_f32.iter().map(f32_bytes).sum::<u64>() + packed.bytes();
@@ -201,7 +262,7 @@ impl DeviceScene {
             instances: upload(gpu, "instances", &tables.instances)?,
             chunks: upload(gpu, "chunks", &tables.chunks)?,
             parameters: ParameterBuffers::upload(gpu, scene, &rows_in_f32, home)?,
-            packed: PackedBuffers::upload(gpu, packed, home)?,
+            packed: PackedBuffers::upload(gpu, packed, &spare_packed, home)?,
             home,
             precision,
             instance_count: tables.instances.len() as u32,
@@ -213,7 +274,7 @@ impl DeviceScene {
             counts: SceneCounts {
                 templates: scene.templates.len(),
                 template_sh_degree: scene.templates.sh_degree,
-                background: scene.background.len(),
+                background: scene.background.len() + spare.len,
                 background_sh_degree: scene.background.sh_degree,
                 rows,
             },

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::{CODED_CHANNELS, RECORDS_PER_RANGE};
-use crate::gpu::staging::{upload, upload_in_parts, write};
+use crate::gpu::staging::{upload, write};
 use crate::gpu::{Buffer, BufferPart, Gpu, GpuError, Home};
-use crate::scene::{DevicePrecision, InstancedScene, Owner, Parameter};
+use crate::scene::{DevicePrecision, InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::device_scene::PlannedBytes;
 use super::packed_scene::PackedScene;
@@ -23,31 +23,44 @@ pub struct PackedBuffers {
     pub offset_ranges: Buffer<f32>,
 }
 
+/// The parameters in [`PackedBuffers::shapes`].
+const SHAPES: [Parameter; 2] = [Parameter::LogScales, Parameter::OpacityLogits];
+
 /// Number of buffers.
 const BUFFERS: u64 = 12;
 
 impl PackedBuffers {
-    /// Uploads a packed scene to buffers at `home`.
+    /// Uploads a packed scene to buffers at `home`, with room behind it for `spare` rows of every parameter.
     ///
     /// # Errors
     /// A buffer exceeds the device's limits; the error names it.
-    pub fn upload(gpu: &Arc<Gpu>, scene: &PackedScene, home: Home) -> Result<Self, GpuError> {
+    pub fn upload(
+        gpu: &Arc<Gpu>,
+        scene: &PackedScene,
+        spare: &ParameterSet<usize>,
+        home: Home,
+    ) -> Result<Self, GpuError> {
         let [sh0, sh1, sh2, sh3] = &scene.sh;
         let [means, sh_dc, log_scales, quats] = &scene.offsets;
-        let of_sources = |name: &str, words: &[u32]| upload_in_parts(gpu, name, words, home);
+        let of_sources = |name: &str, words: &[u32], parameters: &[Parameter]| -> Result<Buffer<u32>, GpuError> {
+            let more = (spare[parameters[0]] * row_halves(parameters) as usize).div_ceil(2);
+            let mut buffer = Buffer::in_parts(gpu, name, words.len() + more, home)?;
+            write(gpu, &mut buffer, words)?;
+            Ok(buffer)
+        };
         let of_offsets = |name: &str, words: &[u32]| -> Result<Buffer<u32>, GpuError> {
             let mut buffer = Buffer::at(gpu, name, words.len(), home)?;
             write(gpu, &mut buffer, words)?;
             Ok(buffer)
         };
         Ok(Self {
-            shapes: of_sources("packed shapes", &scene.shapes)?,
-            quats: of_sources("packed quats", &scene.quats)?,
+            shapes: of_sources("packed shapes", &scene.shapes, &SHAPES)?,
+            quats: of_sources("packed quats", &scene.quats, &[Parameter::Quats])?,
             sh: [
-                of_sources("packed SH band 0", sh0)?,
-                of_sources("packed SH band 1", sh1)?,
-                of_sources("packed SH band 2", sh2)?,
-                of_sources("packed SH band 3", sh3)?,
+                of_sources("packed SH band 0", sh0, &[Parameter::Sh0])?,
+                of_sources("packed SH band 1", sh1, &[Parameter::Sh1])?,
+                of_sources("packed SH band 2", sh2, &[Parameter::Sh2])?,
+                of_sources("packed SH band 3", sh3, &[Parameter::Sh3])?,
             ],
             offsets: [
                 of_offsets("packed offsets of means", means)?,
@@ -63,13 +76,32 @@ impl PackedBuffers {
     /// What a window shows of the arrays of source Gaussians.
     pub fn parts(&self, window: &SourceWindow) -> Vec<BufferPart> {
         let bands = [Parameter::Sh0, Parameter::Sh1, Parameter::Sh2, Parameter::Sh3];
-        let shapes = [Parameter::LogScales, Parameter::OpacityLogits];
         let part = |buffer: &Buffer<u32>, parameters: &[Parameter]| {
             window.part(buffer, parameters[0], row_halves(parameters) * WORD / 2)
         };
         let of_bands = self.sh.iter().zip(bands).map(|(buffer, band)| part(buffer, &[band]));
-        let others = [part(&self.shapes, &shapes), part(&self.quats, &[Parameter::Quats])];
+        let others = [part(&self.shapes, &SHAPES), part(&self.quats, &[Parameter::Quats])];
         others.into_iter().chain(of_bands).collect()
+    }
+
+    /// The arrays of source Gaussians of a packed cloud, with the buffers that hold such arrays.
+    pub(super) fn arrays<'a>(&'a mut self, cloud: &'a PackedScene) -> [PackedArray<'a>; 6] {
+        let bands = [Parameter::Sh0, Parameter::Sh1, Parameter::Sh2, Parameter::Sh3];
+        let [s0, s1, s2, s3] = &mut self.sh;
+        let array = |buffer, words, parameters: &[Parameter]| PackedArray {
+            buffer,
+            words,
+            row_halves: row_halves(parameters) as usize,
+            parameter: parameters[0],
+        };
+        [
+            array(&mut self.shapes, &cloud.shapes, &SHAPES),
+            array(&mut self.quats, &cloud.quats, &[Parameter::Quats]),
+            array(s0, &cloud.sh[0], &bands[..1]),
+            array(s1, &cloud.sh[1], &bands[1..2]),
+            array(s2, &cloud.sh[2], &bands[2..3]),
+            array(s3, &cloud.sh[3], &bands[3..]),
+        ]
     }
 
     /// Size of all buffers, bytes.
@@ -78,6 +110,18 @@ impl PackedBuffers {
         let words = of_words.into_iter().chain(&self.sh).chain(&self.offsets);
         words.map(Buffer::bytes).sum::<u64>() + self.offset_ranges.bytes()
     }
+}
+
+/// An array of a packed cloud, and the buffer for such arrays.
+pub(super) struct PackedArray<'a> {
+    /// The buffer.
+    pub(super) buffer: &'a mut Buffer<u32>,
+    /// The array's words.
+    pub(super) words: &'a [u32],
+    /// Numbers of 16 bits in a row.
+    pub(super) row_halves: usize,
+    /// A parameter with as many rows.
+    pub(super) parameter: Parameter,
 }
 
 /// True if a packed scene keeps the parameter in f32.

@@ -7,7 +7,9 @@ use glam::DVec3;
 use crate::gpu::interface::constants::{NO_COLOR, NO_OFFSET};
 use crate::gpu::interface::types;
 use crate::math::similarity::Similarity;
+use crate::scene::bound::{Bound, round_up};
 use crate::scene::lod::NO_NEXT_CELL;
+use crate::scene::lod::pages::{Ball, chunks_of};
 use crate::scene::source_layout::CloudSize;
 use crate::scene::{Gaussians, InstancedScene, Offsets, SourceLayout, SourceRange};
 
@@ -15,14 +17,6 @@ use super::error::RenderError;
 
 /// A radius that passes every frustum test and stays finite in products with focal lengths.
 const RADIUS_EVERYWHERE: f32 = 1e25;
-
-/// A ball around means, with the largest standard deviation of its Gaussians.
-#[derive(Clone, Copy)]
-pub(super) struct Bound {
-    pub(super) center: DVec3,
-    pub(super) radius: f64,
-    pub(super) sigma_max: f64,
-}
 
 /// Chunk and instance tables before upload.
 #[derive(Default)]
@@ -179,7 +173,7 @@ pub(super) struct Placement<'a> {
 
 impl<'a> Placement<'a> {
     /// Placement by the identity: of the background's instance, or of one whose transform is written later.
-    fn at_origin(first_offset: Option<u32>) -> Self {
+    pub(super) fn at_origin(first_offset: Option<u32>) -> Self {
         Self {
             world_from_template: &Similarity::IDENTITY,
             first_offset: first_offset.unwrap_or(NO_OFFSET),
@@ -219,14 +213,27 @@ impl Tables {
         let (first, count) = (range.first as usize, range.count as usize);
         for start in (0..count).step_by(chunk_size as usize) {
             let size = (count - start).min(chunk_size as usize);
-            let bound = bound_of(cloud, first + start, size);
+            let bound = Bound::of(cloud, first + start, size);
             self.chunks.push(types::Chunk {
                 center: bound.center.as_vec3().to_array(),
                 radius: round_up(bound.radius),
                 sigma_max: round_up(bound.sigma_max),
             });
         }
-        Bounded { first_chunk, bound: bound_of(cloud, first, count) }
+        Bounded { first_chunk, bound: Bound::of(cloud, first, count) }
+    }
+
+    /// Appends chunks for `count` Gaussians, of which each 256 have one of `balls`; returns the first. Standard deviations get
+    /// `sigma_factor`.
+    pub(super) fn push_balls(&mut self, balls: &[Ball], count: u32, sigma_factor: f64, chunk_size: u32) -> u32 {
+        let first_chunk = self.chunks.len() as u32;
+        for start in (0..count).step_by(chunk_size as usize) {
+            // A chunk that is smaller has the ball of all 256.
+            let [x, y, z, radius, sigma_max] = balls[chunks_of(start + 1) - 1];
+            let sigma_max = round_up(sigma_factor * f64::from(sigma_max));
+            self.chunks.push(types::Chunk { center: [x, y, z], radius, sigma_max });
+        }
+        first_chunk
     }
 
     /// Appends chunks for `count` Gaussians whose bounds are not known.
@@ -286,24 +293,4 @@ fn dvec(v: [f32; 3]) -> DVec3 {
 /// Largest factor of a transform on lengths, for bounds.
 pub(super) fn scale_bound(world_from_template: &Similarity) -> f32 {
     round_up(world_from_template.scale())
-}
-
-/// Rounds up to f32 with a margin, so that a bound stays a bound.
-fn round_up(value: f64) -> f32 {
-    (value * (1.0 + 1e-6)) as f32
-}
-
-fn bound_of(cloud: &Gaussians, first: usize, count: usize) -> Bound {
-    let means = &cloud.means[first..first + count];
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for mean in means {
-        low = low.min(dvec(*mean));
-        high = high.max(dvec(*mean));
-    }
-    // The centre is stored as f32: measure the radius from the stored value.
-    let center = if count == 0 { DVec3::ZERO } else { ((low + high) * 0.5).as_vec3().as_dvec3() };
-    let radius = means.iter().map(|m| dvec(*m).distance(center)).fold(0.0, f64::max);
-    let scales = &cloud.log_scales[first..first + count];
-    let log_max = scales.iter().flatten().copied().fold(f32::NEG_INFINITY, f32::max);
-    Bound { center, radius, sigma_max: f64::from(log_max).exp() }
 }

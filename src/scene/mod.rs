@@ -1,5 +1,6 @@
 //! The scene as plain CPU data, independent of file formats and of the GPU.
 
+pub mod bound;
 pub mod camera;
 pub mod device_precision;
 pub mod draw_order;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use instgs_reference::adam::{AdamOptions, AdamState, adam_step};
-use instgs_vk::gpu::staging::{download, upload, upload_in_parts, write};
+use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Buffer, Gpu, Home, PipelineCache, Recorder};
 use instgs_vk::kernels::{BackwardPipelines, SceneTraits, Variant};
 use instgs_vk::math::rng::Rng;
@@ -13,6 +13,13 @@ use crate::common::gpu::{assert_silent, gpu, with_bindings_of};
 
 /// Values that follow those which are stepped, and must stay.
 const TAIL: usize = 3;
+
+/// A buffer that dispatches may bind in parts.
+fn in_parts(gpu: &Arc<Gpu>, name: &str, values: &[f32]) -> Buffer<f32> {
+    let mut buffer = Buffer::in_parts(gpu, name, values.len(), Home::Device).unwrap();
+    write(gpu, &mut buffer, values).unwrap();
+    buffer
+}
 
 /// Parameters with moments on the device.
 struct DeviceAdam {
@@ -37,7 +44,7 @@ impl DeviceAdam {
             workgroup_size: variant.workgroup_size,
             recorder: Recorder::new(gpu).unwrap(),
             status: upload(gpu, "status", &[0; 4]).unwrap(),
-            parameters: upload_in_parts(gpu, "parameters", &padded, Home::Device).unwrap(),
+            parameters: in_parts(gpu, "parameters", &padded),
             moments: zero_moments(gpu, "moments", padded.len()).unwrap(),
             count: parameters.len(),
         }
@@ -50,7 +57,7 @@ impl DeviceAdam {
     fn step_groups(&mut self, gradients: &[f32], step: u64, groups: ValueGroups) {
         assert_eq!(groups.counts[0] + groups.counts[1], self.count);
         let padded = [gradients, &[1.0; TAIL]].concat();
-        let gradients = upload_in_parts(&self.gpu, "gradients", &padded, Home::Device).unwrap();
+        let gradients = in_parts(&self.gpu, "gradients", &padded);
         let AdamOptions { beta1, beta2, epsilon } = AdamOptions::default();
         let adam = Adam { beta1, beta2, epsilon, step };
         let (pipeline, size) = (&self.pipelines.adam, self.workgroup_size);

@@ -23,6 +23,7 @@ mod mask_contribution;
 mod mcmc;
 mod overflow;
 mod packed;
+mod paged;
 mod pipelines;
 mod plan_slab;
 mod poison;

@@ -4,9 +4,9 @@ use crate::scene::{Gaussians, SourceRange};
 
 /// Upper limit on Gaussians in a block: two chunks, so that a level saves at least one chunk; and few enough for blocks
 /// to be small compared with their viewing distance.
-const MOST: usize = 512;
+pub(super) const MOST: usize = 512;
 /// Cuts are at multiples of this, so that the renderer's work-groups (this size, or a smaller power of two) are full.
-const CHUNK: usize = 256;
+pub(super) const CHUNK: usize = 256;
 
 /// A new order of a cloud's Gaussians, and the blocks as ranges of that order: recursive halves, cut near the median of
 /// the longest side.

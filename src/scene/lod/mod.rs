@@ -17,6 +17,7 @@ mod blocks;
 mod fitted;
 mod ladder;
 pub mod merge;
+pub mod pages;
 mod shown;
 
 use std::collections::BTreeMap;
