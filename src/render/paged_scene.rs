@@ -87,8 +87,8 @@ fn slot_rows(pages: &[Page]) -> u32 {
     pages.iter().map(Page::rows).max().unwrap_or(0).next_multiple_of(SLOT_ROWS)
 }
 
-/// Bytes of a row of a cloud.
-fn row_bytes(sh_degree: u32, precision: DevicePrecision) -> u64 {
+/// Bytes of a Gaussian in device memory.
+pub fn row_bytes(sh_degree: u32, precision: DevicePrecision) -> u64 {
     let colors = 3 * u64::from((sh_degree + 1).pow(2));
     // Means; then shape, opacity and rotation, and colours.
     12 + if precision == DevicePrecision::F32 { 32 + 4 * colors } else { 14 + 2 * colors }

@@ -12,6 +12,7 @@ use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::variant::BLOCK_SIDE;
 use crate::kernels::{Pipelines, Primitives, Purpose, SceneTraits, Variant};
 use crate::scene::Camera;
+use crate::scene::lod::pages::PageTable;
 
 use super::device_scene::{DeviceScene, Holding};
 use super::error::RenderError;
@@ -23,6 +24,7 @@ use super::forward::{
 use super::frame_buffers::FrameBuffers;
 use super::frame_stats::FrameStats;
 use super::layers::record_next_layer;
+use super::paged_scene::PagedScene;
 use super::picture::Picture;
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::render_options::{RenderOptions, view_of};
@@ -227,6 +229,21 @@ impl Renderer {
         let upload = if options.lod_error_px > 0.0 { DeviceScene::with_levels } else { DeviceScene::new };
         let holding = Holding { precision: options.device_precision, on_host_if_large: options.divide_for_memory };
         upload(&self.gpu, scene, self.variant.workgroup_size, holding)
+    }
+
+    /// Uploads a scene whose background is in pages, with stand-ins as its background, and room for `slots` pages.
+    ///
+    /// # Errors
+    /// The errors of [`PagedScene::new`].
+    pub fn upload_in_pages(
+        &self,
+        scene: &crate::scene::InstancedScene,
+        table: PageTable,
+        slots: u32,
+        options: &RenderOptions,
+    ) -> Result<PagedScene, RenderError> {
+        let precision = options.device_precision;
+        PagedScene::new(&self.gpu, scene, table, slots, self.variant.workgroup_size, precision)
     }
 
     /// Renders a picture and leaves it on the device (see [`Renderer::download`]).

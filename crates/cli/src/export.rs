@@ -10,7 +10,7 @@ use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
 use instgs_io::small::{Sensitivity, SmallOptions};
-use instgs_io::{ExportFormat, Pack, export_scene, write_small_scene_file};
+use instgs_io::{ExportFormat, IoError, Pack, export_scene, write_scene_file_in_pages, write_small_scene_file};
 use instgs_train::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
@@ -28,7 +28,8 @@ use instgs_vk::scene::trajectory::Orbit;
     instgs-vk export --scene room.instgs --to parts/\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1\n  \
     instgs-vk export --scene room.instgs --to room.usdc\n  \
-    instgs-vk export --scene room.instgs --to room.html")]
+    instgs-vk export --scene room.instgs --to room.html\n  \
+    instgs-vk export --scene city.ply --to city.instgs --pack f16 --pages")]
 pub(super) struct ExportArgs {
     /// Scene to convert: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
@@ -57,6 +58,10 @@ pub(super) struct ExportArgs {
     /// draw the background over objects (Babylon.js)
     #[arg(long)]
     one_mesh: bool,
+    /// Write an .instgs whose background is in pages, with levels of detail: render reads only those that its views want,
+    /// where memory is short. Other programs see a scene like any other; edits leave pages out
+    #[arg(long)]
+    pages: bool,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
@@ -122,6 +127,7 @@ fn write(
 ) -> Result<u64, CliError> {
     let to = args.to.as_path();
     match (format, sensitivity) {
+        (ExportFormat::Instgs(pack), _) if args.pages => write_scene_file_in_pages(to, scene, pack)?,
         (ExportFormat::Page(pack), _) => export_page::write(args, scene, pack, sensitivity, printer)?,
         (ExportFormat::Instgs(Pack::Small), Some(sensitivity)) => {
             write_small_scene_file(to, scene, &SmallOptions { sensitivity, picture_psnr_db: args.picture_psnr })?;
@@ -154,7 +160,15 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
     if args.up.is_some() && !format.has_up() {
         printer.warning("--up is for .glb, .usda, .usdc and .html: other formats keep the scene's axes");
     }
-    let scene = open_scene(&args.scene, printer)?.scene;
+    if args.pages && !matches!(format, ExportFormat::Instgs(_)) {
+        return Err(IoError::new(to, "--pages is for .instgs files")
+            .advise("leave it out, or export to .instgs")
+            .into());
+    }
+    let mut scene = open_scene(&args.scene, printer)?.scene;
+    if args.pages {
+        scene.order_background();
+    }
     let is_small = matches!(format, ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small));
     if args.data.is_some() && !is_small {
         printer.warning("--data is for --pack small: other formats keep one precision everywhere");

@@ -169,6 +169,7 @@ fn print(report: &Inspection, printer: &Printer) {
             ("instances", file_sums.instances),
             ("template ranges", file_sums.template_ranges),
             ("levels of detail", file_sums.levels),
+            ("pages", file_sums.pages),
             ("foreign tensors", file_sums.foreign),
             ("header", file_sums.header),
         ]),

@@ -35,6 +35,7 @@ pub(super) enum Purpose {
     Instances,
     TemplateRanges,
     Levels,
+    Pages,
     Foreign,
     Header,
 }
@@ -52,6 +53,8 @@ pub(super) struct FileSums {
     pub(super) template_ranges: u64,
     /// Optimised levels of detail of templates.
     pub(super) levels: u64,
+    /// What a background in pages takes besides itself: its levels, and where everything is.
+    pub(super) pages: u64,
     /// Tensors of names that this version does not know.
     pub(super) foreign: u64,
     /// Length field, names, metadata and padding.
@@ -69,6 +72,7 @@ impl FileSums {
             instances: sum(Purpose::Instances),
             template_ranges: sum(Purpose::TemplateRanges),
             levels: sum(Purpose::Levels),
+            pages: sum(Purpose::Pages),
             foreign: sum(Purpose::Foreign),
             header: sum(Purpose::Header),
         }
@@ -166,6 +170,8 @@ fn purpose_of(tensor: &str) -> Purpose {
     const LEVELS: [&str; 3] = ["ranges", "cell", "template_print"];
     let name = [SUFFIX, CODED].iter().find_map(|suffix| tensor.strip_suffix(suffix)).unwrap_or(tensor);
     match name.split_once('.') {
+        Some(("page", _)) => Purpose::Pages,
+        Some(("page_fine" | "page_stand_in", field)) if CLOUD.contains(&field) => Purpose::Pages,
         Some(("template", "ranges")) => Purpose::TemplateRanges,
         Some(("template", field)) if CLOUD.contains(&field) => Purpose::Templates,
         Some(("level", field)) if CLOUD.contains(&field) || LEVELS.contains(&field) => Purpose::Levels,
@@ -202,6 +208,21 @@ mod tests {
             // Two foreign tensors of 3 and 8 bytes.
             assert_eq!((sums.foreign, sums.instances), (11, scene.instance_bytes() * scene.instances.len() as u64));
         }
+        Ok(())
+    }
+
+    #[test]
+    fn pages_are_explained() -> Result<(), CliError> {
+        let folder = tempfile::tempdir().map_err(|e| CliError::msg(e.to_string()))?;
+        let path = folder.path().join("x.instgs");
+        instgs_io::write_scene_file_in_pages(&path, &with_levels(), Pack::F16)?;
+        let bytes = std::fs::read(&path).map_err(|e| CliError::msg(e.to_string()))?;
+        let sums = FileSums::of(&tensor_parts(&bytes, &path)?);
+        let clouds = sums.templates + sums.own + sums.background + sums.offsets;
+        let others = sums.instances + sums.template_ranges + sums.levels + sums.pages;
+        assert_eq!(clouds + others + sums.foreign + sums.header, bytes.len() as u64);
+        assert_eq!(sums.foreign, 11);
+        assert!(sums.pages > 0);
         Ok(())
     }
 }

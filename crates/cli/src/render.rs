@@ -6,8 +6,9 @@ use std::time::Instant;
 use clap::Args;
 
 use super::picture_files::{self, Format};
-use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, create_folder, open_scene_to_draw};
+use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, create_folder};
 use instgs_console::device::{self, DeviceArgs};
+use instgs_console::opened::OpenedScene;
 use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_vk::render::Renderer;
 
@@ -67,26 +68,32 @@ struct RenderedFrame {
     slabs: u32,
     /// Depth layers or ranges; 1 = drawn in one piece.
     layers: u32,
+    /// Pages of the background that were read for this view.
+    pages_read: usize,
+    /// Pages of the background that it wants and that had no room: coarser levels stand in for them.
+    pages_without_room: usize,
     /// Time to render, milliseconds, while buffers still grow in the first frames; `bench` measures exactly.
     ms: f64,
 }
 
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let loaded = open_scene_to_draw(&args.scene, printer)?;
-    let options = args.memory.apply(args.precision.apply(args.lod.apply(args.look.options(&loaded.scene))));
-    let cameras = args.views.cameras(&loaded.scene, options.near, printer)?;
-    let names = picture_files::names(&cameras)?;
-    create_folder(&args.out)?;
     let gpu = device::open(device_args.choice())?;
     args.memory.limit(&gpu);
+    let opened = OpenedScene::open(&args.scene, &args.memory, args.precision.precision(), &gpu, printer)?;
+    let options = args.memory.apply(args.precision.apply(args.lod.apply(args.look.options(opened.scene()))));
+    let cameras = args.views.cameras(opened.scene(), options.near, printer)?;
+    let names = picture_files::names(&cameras)?;
+    create_folder(&args.out)?;
     let place = args.scene.display();
     let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
-    let scene = renderer.upload_for(&loaded.scene, &options).map_err(failed_to_render(&place))?;
+    let (dropped_non_finite, is_empty) = (opened.dropped_non_finite(), opened.scene().expanded_len() == 0);
+    let mut scene = opened.upload(&gpu, &renderer, &options)?;
     let mut progress = printer.progress("render", cameras.len() as u64);
     let mut frames = Vec::with_capacity(cameras.len());
     for (camera, name) in cameras.iter().zip(names) {
+        let pages = scene.follow(camera, &options)?;
         let start = Instant::now();
-        let stats = renderer.render(&scene, camera, &options).map_err(failed_to_render(&place))?;
+        let stats = renderer.render(scene.device(), camera, &options).map_err(failed_to_render(&place))?;
         let ms = 1e3 * start.elapsed().as_secs_f64();
         let picture = renderer.download().map_err(failed_to_render(&place))?;
         let files = picture_files::write(&args.out, &name, &picture, args.format, args.depth)?;
@@ -99,11 +106,21 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
             intersections: stats.intersections,
             slabs: stats.slabs,
             layers: stats.layers,
+            pages_read: pages.missing.len(),
+            pages_without_room: pages.without_room,
             ms,
         });
     }
     drop(progress);
-    if frames.iter().all(|frame| frame.visible == 0) && loaded.scene.expanded_len() > 0 {
+    let coarser = frames.iter().filter(|frame| frame.pages_without_room > 0).count();
+    if coarser > 0 {
+        printer.warning(format_args!(
+            "{place}: {coarser} of {} views want more of the background than there is room for, and are coarser in places; give \
+             them more memory (--device-memory-mb), or an error (--lod)",
+            frames.len()
+        ));
+    }
+    if frames.iter().all(|frame| frame.visible == 0) && !is_empty {
         let near = options.near;
         printer.warning(format_args!("{place}: nothing is visible from these views (near is {near}; see --near)"));
     }
@@ -113,7 +130,7 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
             scene: place.to_string(),
             device: gpu.caps().name.clone(),
             out: args.out.display().to_string(),
-            dropped_non_finite: loaded.dropped_non_finite,
+            dropped_non_finite,
             frames,
         };
         return printer.json(&report);

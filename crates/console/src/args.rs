@@ -199,9 +199,18 @@ pub struct MemoryArgs {
     /// most of it stays in host memory, with the same result [default: what the device has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     device_memory_mb: Option<u32>,
+    /// Host memory for the scene, MiB; of a scene with pages (export --pages) that needs more, or for which the device has too
+    /// little, only what views want is read [default: what is available]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    host_memory_mb: Option<u32>,
 }
 
 impl MemoryArgs {
+    /// Bytes of host memory for the scene; `None` = what is available.
+    pub fn host_budget(&self) -> Option<u64> {
+        self.host_memory_mb.map(|mib| u64::from(mib) << 20)
+    }
+
     /// Bytes of device memory to draw with; `u64::MAX` = what the device has.
     pub fn budget(&self) -> u64 {
         self.device_memory_mb.map_or(u64::MAX, |mib| u64::from(mib) << 20)

@@ -7,6 +7,7 @@ pub mod args;
 pub mod device;
 pub mod error;
 mod lavapipe;
+pub mod opened;
 pub mod printer;
 pub mod table;
 

@@ -10,6 +10,7 @@ use std::path::Path;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use crate::error::{IoError, Place};
+use crate::pages;
 use crate::ply::dilation_of;
 use crate::read_bytes;
 use crate::scene_pack::{CHANNELS, OffsetRanges, segments};
@@ -23,6 +24,7 @@ use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, SourceRange};
 use instgs_vk::scene::lod::FittedLevel;
+use instgs_vk::scene::lod::pages::{PageTable, PagedLevel};
 use instgs_vk::scene::offsets::Offsets;
 
 pub(crate) const FORMAT: &str = "instgs/1";
@@ -48,8 +50,19 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
     let malformed = |e| IoError::damaged(path, format!("is not a whole safetensors file: {e}"));
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
     let tensors = SafeTensors::deserialize(bytes).map_err(malformed)?;
-    let mut metadata: BTreeMap<String, String> =
-        header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
+    let metadata = header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
+    // Pages repeat what the background has, in an order and with levels that are the file's alone.
+    let is_scene = |(name, _): &(&str, TensorView<'_>)| !pages::is_of_pages(name);
+    let tensors = tensors.iter().filter(is_scene).map(|(name, view)| (name.to_owned(), view)).collect();
+    scene_of(tensors, metadata, path)
+}
+
+/// The scene in the tensors and metadata of a file; `path` is only used in messages.
+pub(crate) fn scene_of(
+    left: BTreeMap<String, TensorView<'_>>,
+    mut metadata: BTreeMap<String, String>,
+    path: &Path,
+) -> Result<InstancedScene, IoError> {
     let field = |name: &str, what: String| IoError::new(path, what).at(Place::Field(format!("metadata {name}")));
     match metadata.remove("format").as_deref() {
         Some(FORMAT | FORMAT_TABLES | FORMAT_CODED) => {}
@@ -60,7 +73,6 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         }
         _ => return Err(field("format", format!("is missing or not \"{FORMAT}\": this is not an instgs scene"))),
     }
-    let left = tensors.iter().map(|(name, view)| (name.to_owned(), view)).collect();
     let mut reader = Reader { path, left, classes: BTreeMap::new() };
 
     let mut scene = InstancedScene {
@@ -122,6 +134,29 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
     }
     scene.foreign_metadata = metadata;
     Ok(scene)
+}
+
+/// The table of a background in pages, from the tensors whose names begin with `page.`; `path` is only used in messages.
+pub(crate) fn page_table_of(left: BTreeMap<String, TensorView<'_>>, path: &Path) -> Result<PageTable, IoError> {
+    let mut reader = Reader { path, left, classes: BTreeMap::new() };
+    let block_counts = reader.u32s(pages::BLOCK_COUNTS, &[])?;
+    let levels = reader.u32s(pages::LEVELS, &[3])?;
+    let levels: &[[u32; 3]] = levels.as_chunks().0;
+    let cells = reader.floats(pages::LEVEL_CELLS, &[], Some(levels.len()))?;
+    let level = |(&[block, count, stands_in], cell): (&[u32; 3], f32)| match stands_in {
+        0 | 1 => Ok(PagedLevel { block, count, stands_in: stands_in == 1, cell }),
+        other => Err(other),
+    };
+    let levels = levels.iter().zip(cells).map(level).collect::<Result<Vec<_>, u32>>();
+    let table = PageTable {
+        block_balls: reader.vectors(pages::BLOCK_BALLS, Some(block_counts.len()))?,
+        block_chunks: reader.vectors(pages::BLOCK_CHUNKS, None)?,
+        level_chunks: reader.vectors(pages::LEVEL_CHUNKS, None)?,
+        levels: levels.map_err(|other| reader.error(pages::LEVELS, format!("has {other} where 0 or 1 is expected")))?,
+        block_counts,
+    };
+    table.check().map_err(|e| reader.error(&format!("page.{}", e.field), e.reason))?;
+    Ok(table)
 }
 
 /// The tensors that have not been read yet.

@@ -7,12 +7,14 @@ use safetensors::tensor::Dtype;
 
 use crate::atomic_write;
 use crate::error::{IoError, Place};
+use crate::pages;
 use crate::safetensors_header::{Entry, header};
 use crate::scene_file::{FORMAT, FORMAT_CODED, NO_OFFSET};
 use crate::scene_pack::{OffsetRanges, Pack, Underflow, fits_half, floats, halves, segments};
 use crate::small::{SmallOptions, coded_tensors};
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
+use instgs_vk::scene::lod::pages::{PageTable, PagedBackground};
 use instgs_vk::scene::offsets::Offsets;
 
 /// Writes an `.instgs` file: all known tensors as F32 and U32, then the scene's unknown tensors and metadata. The same
@@ -38,7 +40,24 @@ pub fn scene_file_bytes(scene: &InstancedScene, path: &Path) -> Result<Vec<u8>, 
 
 /// The bytes that [`write_scene_file_packed`] writes.
 pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) -> Result<Vec<u8>, IoError> {
-    file_bytes(scene, pack, None, path)
+    file_bytes(scene, pack, Extra::None, path)
+}
+
+/// Writes an `.instgs` file whose background is in pages as well, for [`crate::PagedFile`]: in another order than that of the
+/// scene, with its levels. Readers that know no pages see a scene like any other.
+///
+/// # Errors
+/// The scene is inconsistent, `pack` is [`Pack::Small`], whose rows cannot be read one by one, or the file cannot be written.
+pub fn write_scene_file_in_pages(path: &Path, scene: &InstancedScene, pack: Pack) -> Result<(), IoError> {
+    if pack == Pack::Small {
+        return Err(IoError::new(path, "cannot have pages: small files are coded as a whole").advise("use --pack f16"));
+    }
+    let PagedBackground { full, fine, stand_ins, table } = PagedBackground::of(&scene.background);
+    let mut scene = InstancedScene { background: full, ..scene.clone() };
+    // They may be parallel to the background, whose order is another one now.
+    scene.foreign_tensors.retain(|name, _| !name.starts_with("background."));
+    let bytes = file_bytes(&scene, pack, Extra::Pages { fine: &fine, stand_ins: &stand_ins, table: &table }, path)?;
+    atomic_write(path, |out| out.write_all(&bytes))
 }
 
 /// Writes an `.instgs` file packed as [`Pack::Small`], with the precision that the scene's pictures need.
@@ -64,20 +83,34 @@ pub(crate) fn small_scene_file_bytes(
             IoError::new(path, "cannot write: the views that say how precise it is to be show nothing of the scene");
         return Err(error.advise("give the data set of the scene"));
     }
-    file_bytes(scene, Pack::Small, Some(options), path)
+    file_bytes(scene, Pack::Small, Extra::Small(options), path)
 }
 
-fn file_bytes(
-    scene: &InstancedScene,
-    pack: Pack,
-    small: Option<&SmallOptions<'_>>,
-    path: &Path,
-) -> Result<Vec<u8>, IoError> {
+/// What a file takes besides the scene.
+enum Extra<'a> {
+    None,
+    /// How precise [`Pack::Small`] is.
+    Small(&'a SmallOptions<'a>),
+    /// Pages of the background.
+    Pages {
+        fine: &'a Gaussians,
+        stand_ins: &'a Gaussians,
+        table: &'a PageTable,
+    },
+}
+
+fn file_bytes(scene: &InstancedScene, pack: Pack, extra: Extra<'_>, path: &Path) -> Result<Vec<u8>, IoError> {
     scene
         .validate()
         .map_err(|e| IoError::new(path, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor)))?;
     let mut tensors = scene.foreign_tensors.clone();
+    if let Extra::Pages { fine, stand_ins, table } = extra {
+        put_cloud(&mut tensors, pages::FINE, fine, pack);
+        put_cloud(&mut tensors, pages::STAND_INS, stand_ins, pack);
+        put_page_table(&mut tensors, table);
+    }
     if pack == Pack::Small {
+        let small = if let Extra::Small(options) = extra { Some(options) } else { None };
         tensors.extend(coded_tensors(scene, small));
     } else {
         put_cloud(&mut tensors, "template", &scene.templates, pack);
@@ -157,6 +190,21 @@ fn put_levels(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {
     tensors.insert("level.ranges".into(), u32s(&[count, 2], ranges.into_iter().flatten()));
     tensors.insert("level.cell".into(), floats(&[count], &cells));
     tensors.insert("level.template_print".into(), u32s(&[count, 2], prints));
+}
+
+fn put_page_table(tensors: &mut Tensors, table: &PageTable) {
+    let PageTable { block_counts, block_balls, block_chunks, levels, level_chunks } = table;
+    let mut put = |name: &str, tensor| tensors.insert(name.into(), tensor);
+    put(pages::BLOCK_COUNTS, u32s(&[block_counts.len()], block_counts.iter().copied()));
+    let rows = levels.iter().flat_map(|level| [level.block, level.count, level.stands_in.into()]);
+    put(pages::LEVELS, u32s(&[levels.len(), 3], rows));
+    let cells: Vec<f32> = levels.iter().map(|level| level.cell).collect();
+    put(pages::LEVEL_CELLS, floats(&[levels.len()], &cells));
+    let balls =
+        [(pages::BLOCK_BALLS, block_balls), (pages::BLOCK_CHUNKS, block_chunks), (pages::LEVEL_CHUNKS, level_chunks)];
+    for (name, balls) in balls {
+        put(name, floats(&[balls.len(), 5], balls.as_flattened()));
+    }
 }
 
 fn put_offsets(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {
