@@ -11,6 +11,7 @@ mod common;
 
 mod crash;
 mod frame_times;
+mod pages;
 mod scene_viewer;
 mod scripts;
 mod scripts_beside;

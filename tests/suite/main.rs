@@ -22,6 +22,7 @@ mod cli_instanced;
 mod cli_lod;
 mod cli_masks;
 mod cli_new_run;
+mod cli_pages;
 mod cli_shell;
 mod cli_stages;
 mod cli_train;

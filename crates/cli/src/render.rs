@@ -8,7 +8,7 @@ use clap::Args;
 use super::picture_files::{self, Format};
 use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, create_folder};
 use instgs_console::device::{self, DeviceArgs};
-use instgs_console::opened::OpenedScene;
+use instgs_console::opened::{FollowError, OpenedScene};
 use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_vk::render::Renderer;
 
@@ -79,7 +79,11 @@ struct RenderedFrame {
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let gpu = device::open(device_args.choice())?;
     args.memory.limit(&gpu);
-    let opened = OpenedScene::open(&args.scene, &args.memory, args.precision.precision(), &gpu, printer)?;
+    let memory = args.memory.of_scenes(&gpu, args.precision.precision());
+    let opened = OpenedScene::open(&args.scene, memory)?;
+    for what in opened.warnings(memory) {
+        printer.warning(format_args!("{}: {what}", args.scene.display()));
+    }
     let options = args.memory.apply(args.precision.apply(args.lod.apply(args.look.options(opened.scene()))));
     let cameras = args.views.cameras(opened.scene(), options.near, printer)?;
     let names = picture_files::names(&cameras)?;
@@ -87,11 +91,12 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
     let place = args.scene.display();
     let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
     let (dropped_non_finite, is_empty) = (opened.dropped_non_finite(), opened.scene().expanded_len() == 0);
-    let mut scene = opened.upload(&gpu, &renderer, &options)?;
+    let fail = |error: FollowError| CliError::msg(format!("{place}: {error}"));
+    let mut scene = opened.upload(&gpu, &renderer, &options).map_err(fail)?;
     let mut progress = printer.progress("render", cameras.len() as u64);
     let mut frames = Vec::with_capacity(cameras.len());
     for (camera, name) in cameras.iter().zip(names) {
-        let pages = scene.follow(camera, &options)?;
+        let pages = scene.follow(camera, &options).map_err(fail)?;
         let start = Instant::now();
         let stats = renderer.render(scene.device(), camera, &options).map_err(failed_to_render(&place))?;
         let ms = 1e3 * start.elapsed().as_secs_f64();

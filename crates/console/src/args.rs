@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use crate::error::CliError;
+use crate::opened::SceneMemory;
 use crate::printer::Printer;
 use instgs_io::dataset::Split;
 use instgs_io::{IoError, LoadedScene, View, load_scene, load_scene_to_draw, read_cameras, read_views};
@@ -209,6 +210,11 @@ impl MemoryArgs {
     /// Bytes of host memory for the scene; `None` = what is available.
     pub fn host_budget(&self) -> Option<u64> {
         self.host_memory_mb.map(|mib| u64::from(mib) << 20)
+    }
+
+    /// The memory for scenes on a device whose budget is set.
+    pub fn of_scenes(&self, gpu: &Gpu, precision: DevicePrecision) -> SceneMemory {
+        SceneMemory { host_bytes: self.host_budget(), device_bytes: gpu.memory_budget(), precision }
     }
 
     /// Bytes of device memory to draw with; `u64::MAX` = what the device has.

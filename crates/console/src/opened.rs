@@ -1,20 +1,22 @@
 //! Scenes to draw: as a whole, or with a background in pages that are read as views want them.
 
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
 
-use instgs_io::{LoadedScene, PagedFile, host_memory};
+use instgs_io::{IoError, LoadedScene, PagedFile, host_memory, load_scene_to_draw};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::paged_scene::{PagedBytes, row_bytes};
-use instgs_vk::render::{DeviceScene, PagedScene, PagesInView, RenderOptions, Renderer};
-use instgs_vk::scene::{Camera, DevicePrecision, InstancedScene};
-
-use crate::args::{MemoryArgs, open_scene_to_draw};
-use crate::{CliError, Printer, failed_to_render};
+use instgs_vk::render::{DeviceScene, PagedScene, PagesInView, RenderError, RenderOptions, Renderer};
+use instgs_vk::scene::lod::pages::Page;
+use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, InstancedScene};
 
 /// Reading a scene takes as many times the bytes of its numbers in f32: the file's, the scene's, and those to upload.
 const HOST_COPIES: u64 = 3;
 /// Pages get this part of the device's memory, or of its budget: the rest is for frames.
 const PART_FOR_PAGES: f64 = 0.5;
+/// Pages that are asked for at a time: the view may want others once they are there.
+const ASKED_AT_ONCE: usize = 8;
 
 /// A scene that was opened to be drawn.
 pub enum OpenedScene {
@@ -27,47 +29,54 @@ pub enum OpenedScene {
 /// A scene in device memory that follows the views.
 pub enum DrawnScene {
     /// All of it.
-    Whole(DeviceScene),
+    Whole(Box<DeviceScene>),
     /// What the last view wants of the background.
     InPages(Box<PagedView>),
 }
 
-/// A scene in pages, and the file that they come from.
-pub struct PagedView {
-    scene: PagedScene,
-    file: PagedFile,
+/// Memory for scenes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneMemory {
+    /// Host memory, bytes; `None` = what is available.
+    pub host_bytes: Option<u64>,
+    /// Device memory for frames and scene, bytes ([`Gpu::memory_budget`]).
+    pub device_bytes: u64,
+    /// How the device holds scenes.
+    pub precision: DevicePrecision,
+}
+
+/// Why a scene in pages cannot be drawn, or not go on to be.
+#[derive(Debug, thiserror::Error)]
+pub enum FollowError {
+    /// The file can no longer be read.
+    #[error(transparent)]
+    Io(#[from] IoError),
+    /// The device fails or has too little memory.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// Not even two pages have room.
+    #[error(
+        "the scene needs {needed_mib} MiB of device memory for what is always there and two pages, and may take {budget_mib}: \
+         give it more (--device-memory-mb)"
+    )]
+    NoRoom {
+        /// What it needs.
+        needed_mib: u64,
+        /// What it may take.
+        budget_mib: u64,
+    },
 }
 
 impl OpenedScene {
-    /// Opens a scene. It stays in pages if its file has them and it needs more memory than there is, of the host or of the
-    /// device, or than the flags allow.
+    /// Opens a scene. It stays in pages if its file has them and it needs more memory than there is.
     ///
     /// # Errors
     /// The file cannot be read, or is damaged.
-    pub fn open(
-        path: &Path,
-        memory: &MemoryArgs,
-        precision: DevicePrecision,
-        gpu: &Gpu,
-        printer: &Printer,
-    ) -> Result<Self, CliError> {
-        let file = PagedFile::open(path)?;
-        let has_pages = file.is_some();
-        if let Some(file) = file.filter(|file| !is_enough(file, memory, precision, gpu)) {
-            return Ok(Self::InPages(Box::new(file)));
+    pub fn open(path: &Path, memory: SceneMemory) -> Result<Self, IoError> {
+        match PagedFile::open(path)?.filter(|file| !memory.is_enough(&file.scene, file.source_len())) {
+            Some(file) => Ok(Self::InPages(Box::new(file))),
+            None => Ok(Self::Whole(Box::new(load_scene_to_draw(path)?))),
         }
-        let loaded = open_scene_to_draw(path, printer)?;
-        let needed = HOST_COPIES * bytes_of(&loaded.scene, loaded.scene.source_len() as u64, DevicePrecision::F32);
-        if let Some(budget) = memory.host_budget().filter(|&budget| !has_pages && budget < needed) {
-            printer.warning(format_args!(
-                "{}: took some {} MiB of host memory, and --host-memory-mb is {}; of a file that instgs-vk export --pages writes, \
-                 only what views want is read",
-                path.display(),
-                needed >> 20,
-                budget >> 20
-            ));
-        }
-        Ok(Self::Whole(Box::new(loaded)))
     }
 
     /// The scene; in pages, with stand-ins as its background.
@@ -75,6 +84,24 @@ impl OpenedScene {
         match self {
             Self::Whole(loaded) => &loaded.scene,
             Self::InPages(file) => &file.scene,
+        }
+    }
+
+    /// Number of stored Gaussians, and of those after expanding; levels of detail aside.
+    pub fn counts(&self) -> [u64; 2] {
+        let scene = self.scene();
+        let stored = match self {
+            Self::Whole(_) => scene.source_len() as u64,
+            Self::InPages(file) => file.source_len(),
+        };
+        [stored, scene.expanded_len() + stored - scene.source_len() as u64]
+    }
+
+    /// Length of the file in bytes.
+    pub fn file_bytes(&self) -> u64 {
+        match self {
+            Self::Whole(loaded) => loaded.file_bytes,
+            Self::InPages(file) => file.file_bytes,
         }
     }
 
@@ -86,41 +113,46 @@ impl OpenedScene {
         }
     }
 
+    /// All warnings for the user, one line each.
+    pub fn warnings(&self, memory: SceneMemory) -> Vec<String> {
+        let Self::Whole(loaded) = self else { return Vec::new() };
+        let mut warnings = loaded.warnings();
+        let needed = needed_on_host(&loaded.scene, loaded.scene.source_len() as u64);
+        if let Some(budget) = memory.host_bytes.filter(|&budget| budget < needed) {
+            warnings.push(format!(
+                "reading it takes some {} MiB of host memory, more than the {} of --host-memory-mb; of a file that instgs-vk \
+                 export --pages writes, only what views want is read",
+                needed >> 20,
+                budget >> 20
+            ));
+        }
+        warnings
+    }
+
     /// Uploads the scene, or what of it is always there, for a renderer.
     ///
     /// # Errors
-    /// The device's memory, or its budget, is too small.
-    pub fn upload(self, gpu: &Gpu, renderer: &Renderer, options: &RenderOptions) -> Result<DrawnScene, CliError> {
-        let file = match self {
-            Self::Whole(loaded) => {
-                let uploaded = renderer.upload_for(&loaded.scene, options);
-                return Ok(DrawnScene::Whole(uploaded.map_err(failed_to_render("the scene"))?));
-            }
-            Self::InPages(file) => *file,
-        };
-        let bytes = PagedBytes::of(&file.scene, &file.table, options.device_precision);
-        let budget = (PART_FOR_PAGES * gpu.memory_budget() as f64) as u64;
-        let Some(slots) = bytes.slots(budget) else {
-            return Err(CliError::msg(format!(
-                "the scene needs {} MiB of device memory for what is always there and two pages, and may take {}: give it more \
-                 (--device-memory-mb)",
-                (bytes.standing + 2 * bytes.slot).div_ceil(1 << 20),
-                budget >> 20
-            )));
-        };
-        let scene = renderer
-            .upload_in_pages(&file.scene, file.table.clone(), slots, options)
-            .map_err(failed_to_render("the scene"))?;
-        Ok(DrawnScene::InPages(Box::new(PagedView { scene, file })))
+    /// See [`FollowError`].
+    pub fn upload(self, gpu: &Gpu, renderer: &Renderer, options: &RenderOptions) -> Result<DrawnScene, FollowError> {
+        match self {
+            Self::Whole(loaded) => Ok(DrawnScene::whole(renderer, &loaded.scene, options)?),
+            Self::InPages(file) => Ok(DrawnScene::InPages(Box::new(PagedView::new(*file, gpu, renderer, options)?.0))),
+        }
     }
 }
 
-/// True if there is memory for all of a scene.
-fn is_enough(file: &PagedFile, memory: &MemoryArgs, precision: DevicePrecision, gpu: &Gpu) -> bool {
-    let on_host = HOST_COPIES * bytes_of(&file.scene, file.source_len(), DevicePrecision::F32);
-    let on_device = bytes_of(&file.scene, file.source_len(), precision);
-    let host = memory.host_budget().or_else(host_memory::available_bytes).unwrap_or(u64::MAX);
-    on_host <= host && on_device as f64 <= PART_FOR_PAGES * gpu.memory_budget() as f64
+impl SceneMemory {
+    /// True if it is enough for all of a scene of so many stored Gaussians.
+    fn is_enough(self, scene: &InstancedScene, gaussians: u64) -> bool {
+        let host = self.host_bytes.or_else(host_memory::available_bytes).unwrap_or(u64::MAX);
+        let on_device = bytes_of(scene, gaussians, self.precision);
+        needed_on_host(scene, gaussians) <= host && on_device as f64 <= PART_FOR_PAGES * self.device_bytes as f64
+    }
+}
+
+/// Bytes that reading a scene of so many stored Gaussians takes.
+fn needed_on_host(scene: &InstancedScene, gaussians: u64) -> u64 {
+    HOST_COPIES.saturating_mul(bytes_of(scene, gaussians, DevicePrecision::F32))
 }
 
 /// Bytes of the numbers of a scene of so many stored Gaussians.
@@ -129,15 +161,34 @@ fn bytes_of(scene: &InstancedScene, gaussians: u64, precision: DevicePrecision) 
 }
 
 impl DrawnScene {
-    /// Reads what a view lacks; all of it, if there is room. Returns how many of the pages that it wants are not there: stand-ins
-    /// are drawn for them.
+    /// Uploads all of a scene.
+    ///
+    /// # Errors
+    /// The device has too little memory.
+    pub fn whole(renderer: &Renderer, scene: &InstancedScene, options: &RenderOptions) -> Result<Self, RenderError> {
+        Ok(Self::Whole(Box::new(renderer.upload_for(scene, options)?)))
+    }
+
+    /// Gets all that a view wants and there is room for, and waits for it.
     ///
     /// # Errors
     /// The file cannot be read, or a Vulkan call failed.
-    pub fn follow(&mut self, camera: &Camera, options: &RenderOptions) -> Result<PagesInView, CliError> {
+    pub fn follow(&mut self, camera: &Camera, options: &RenderOptions) -> Result<PagesInView, FollowError> {
         match self {
             Self::Whole(_) => Ok(PagesInView::default()),
             Self::InPages(view) => view.follow(camera, options),
+        }
+    }
+
+    /// Gets what has been read meanwhile of what a view wants, without waiting, and asks for more of it. Returns what it lacks:
+    /// stand-ins are drawn for that.
+    ///
+    /// # Errors
+    /// The file cannot be read, or a Vulkan call failed.
+    pub fn follow_ahead(&mut self, camera: &Camera, options: &RenderOptions) -> Result<PagesInView, FollowError> {
+        match self {
+            Self::Whole(_) => Ok(PagesInView::default()),
+            Self::InPages(view) => view.follow_ahead(camera, options),
         }
     }
 
@@ -148,15 +199,108 @@ impl DrawnScene {
             Self::InPages(view) => view.scene.device(),
         }
     }
+
+    /// The same, for changes of its instances.
+    pub fn device_mut(&mut self) -> &mut DeviceScene {
+        match self {
+            Self::Whole(scene) => scene,
+            Self::InPages(view) => view.scene.device_mut(),
+        }
+    }
+
+    /// The file that the pages come from; `None` if all of the scene is there.
+    pub fn paged_file(&self) -> Option<&Path> {
+        match self {
+            Self::Whole(_) => None,
+            Self::InPages(view) => Some(&view.path),
+        }
+    }
+}
+
+/// A scene in pages, and the thread that reads them.
+pub struct PagedView {
+    scene: PagedScene,
+    path: PathBuf,
+    /// To the thread, which ends with it.
+    asks: Sender<(u32, Page)>,
+    read: Receiver<(u32, Result<Gaussians, IoError>)>,
+    /// Pages that were asked for and have not come.
+    asked: BTreeSet<u32>,
 }
 
 impl PagedView {
-    fn follow(&mut self, camera: &Camera, options: &RenderOptions) -> Result<PagesInView, CliError> {
+    /// Uploads what is always there of a scene, which is returned, too.
+    ///
+    /// # Errors
+    /// See [`FollowError`].
+    pub fn new(
+        mut file: PagedFile,
+        gpu: &Gpu,
+        renderer: &Renderer,
+        options: &RenderOptions,
+    ) -> Result<(Self, InstancedScene), FollowError> {
+        let (scene, table) = (std::mem::take(&mut file.scene), std::mem::take(&mut file.table));
+        let bytes = PagedBytes::of(&scene, &table, options.device_precision);
+        let budget = (PART_FOR_PAGES * gpu.memory_budget() as f64) as u64;
+        let slots = bytes.slots(budget).ok_or(FollowError::NoRoom {
+            needed_mib: (bytes.standing + 2 * bytes.slot).div_ceil(1 << 20),
+            budget_mib: budget >> 20,
+        })?;
+        let path = file.path().to_path_buf();
+        let on_device = renderer.upload_in_pages(&scene, table, slots, options)?;
+        let (asks, asked_for) = channel::<(u32, Page)>();
+        let (sender, read) = channel();
+        std::thread::spawn(move || {
+            for (page, place) in asked_for {
+                if sender.send((page, file.read(&place))).is_err() {
+                    return;
+                }
+            }
+        });
+        Ok((Self { scene: on_device, path, asks, read, asked: BTreeSet::new() }, scene))
+    }
+
+    fn follow(&mut self, camera: &Camera, options: &RenderOptions) -> Result<PagesInView, FollowError> {
         let view = self.scene.in_view(camera, options);
+        // One after the other: what was read waits in memory.
         for &page in &view.missing {
-            let rows = self.file.read(&self.scene.pages()[page as usize])?;
-            self.scene.place(page, &rows).map_err(failed_to_render("the scene"))?;
+            self.ask(page);
+            while self.asked.contains(&page) {
+                self.take(self.read.recv().map_err(|_| self.gone())?)?;
+            }
         }
         Ok(view)
+    }
+
+    fn follow_ahead(&mut self, camera: &Camera, options: &RenderOptions) -> Result<PagesInView, FollowError> {
+        self.scene.in_view(camera, options);
+        while let Ok(page) = self.read.try_recv() {
+            self.take(page)?;
+        }
+        let view = self.scene.in_view(camera, options);
+        for &page in &view.missing {
+            if self.asked.len() < ASKED_AT_ONCE {
+                self.ask(page);
+            }
+        }
+        Ok(view)
+    }
+
+    fn ask(&mut self, page: u32) {
+        if self.asked.insert(page) {
+            // A thread that is gone is noticed where its pages are awaited.
+            drop(self.asks.send((page, self.scene.pages()[page as usize].clone())));
+        }
+    }
+
+    /// Places a page that was read, unless the view no longer wants it and has no room.
+    fn take(&mut self, (page, rows): (u32, Result<Gaussians, IoError>)) -> Result<(), FollowError> {
+        self.asked.remove(&page);
+        self.scene.place(page, &rows?)?;
+        Ok(())
+    }
+
+    fn gone(&self) -> IoError {
+        IoError::new(&self.path, "can no longer be read: the thread that reads it is gone")
     }
 }

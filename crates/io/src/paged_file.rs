@@ -143,14 +143,14 @@ impl PagedFile {
         Ok(Some(Self { path: path.to_owned(), file, scene, table, file_bytes: kind.len(), full, fine }))
     }
 
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Number of Gaussians that are stored, levels aside.
     pub fn source_len(&self) -> u64 {
         (self.scene.source_len() - self.scene.background.len()) as u64 + self.full.rows
-    }
-
-    /// SH degree of the background.
-    pub fn sh_degree(&self) -> u32 {
-        self.full.sh_degree
     }
 
     /// The Gaussians of a page: at full detail, then those of its finer levels.

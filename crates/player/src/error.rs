@@ -1,5 +1,6 @@
 //! Errors of the player, each a message of one line.
 
+use instgs_console::opened::FollowError;
 use instgs_io::IoError;
 use instgs_vk::gpu::GpuError;
 use instgs_vk::render::RenderError;
@@ -17,6 +18,9 @@ pub enum PlayerError {
     /// A file could not be read or written.
     #[error(transparent)]
     Io(#[from] IoError),
+    /// The pages of a scene cannot be drawn.
+    #[error(transparent)]
+    Pages(#[from] FollowError),
     /// The window system failed.
     #[error("window: {0}; without a display, use --headless with --frames and --screenshot")]
     Window(String),
@@ -46,7 +50,9 @@ impl PlayerError {
 
     fn of_device(&self) -> Option<&GpuError> {
         match self {
-            Self::Gpu(gpu) | Self::Render(RenderError::Gpu(gpu)) => Some(gpu),
+            Self::Gpu(gpu)
+            | Self::Render(RenderError::Gpu(gpu))
+            | Self::Pages(FollowError::Render(RenderError::Gpu(gpu))) => Some(gpu),
             _ => None,
         }
     }

@@ -15,10 +15,11 @@ use crate::window::{self, WindowJob};
 use crate::{PlayerError, SceneViewer, ViewerOptions};
 use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
+use instgs_console::opened::{OpenedScene, SceneMemory};
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, exit_code, parse};
 use instgs_io::json::as_map;
-use instgs_io::{IoError, LoadedScene, Place, load_scene_to_draw, read_boxes, read_views};
+use instgs_io::{IoError, Place, read_boxes, read_views};
 use instgs_vk::math::statistics::{Percentiles, median};
 use instgs_vk::render::FrameStats;
 use instgs_vk::scene::trajectory::Orbit;
@@ -213,11 +214,11 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
         return headless(args, &cameras, printer);
     }
     // Frames that are timed begin with the scene; a window reads it beside its first frames and displays errors.
-    let loaded = args.frames.map(|_| load_scene_to_draw(&args.scene)).transpose()?;
+    let opened = args.frames.map(|_| OpenedScene::open(&args.scene, memory_of(args))).transpose()?;
+    let counts = opened.as_ref().map_or([0; 2], OpenedScene::counts);
     let boxes = args.boxes.as_ref().map(|path| read_boxes(path).map(|boxes| (path.clone(), boxes))).transpose()?;
     let script = script(args.script.as_deref())?;
-    let counts = loaded.as_ref().map_or([0; 2], |loaded| gaussian_counts(&loaded.scene));
-    let job = WindowJob { script, boxes, ..window_job(args, loaded, &cameras)? };
+    let job = WindowJob { script, boxes, ..window_job(args, opened, &cameras)? };
     match window::run(job) {
         Err(PlayerError::Window(reason)) if args.frames.is_some() => {
             printer.warning(format_args!("{reason}; drawing without a window"));
@@ -265,13 +266,22 @@ fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -
     cameras.iter().map(|camera| camera.resized(args.size.0, args.size.1)).collect()
 }
 
-fn window_job(args: &PlayerArgs, loaded: Option<LoadedScene>, cameras: &[Camera]) -> Result<WindowJob, CliError> {
+/// Memory for scenes. The device is not open yet, so without the flag it is taken to have enough.
+fn memory_of(args: &PlayerArgs) -> SceneMemory {
+    SceneMemory {
+        host_bytes: args.memory.host_budget(),
+        device_bytes: args.memory.budget(),
+        precision: args.precision.precision(),
+    }
+}
+
+fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]) -> Result<WindowJob, CliError> {
     let empty = InstancedScene::default();
-    let scene = loaded.as_ref().map_or(&empty, |loaded| &loaded.scene);
+    let scene = opened.as_ref().map_or(&empty, OpenedScene::scene);
     let (options, path_cameras) = (viewer_options(args, scene)?, path_cameras(args, scene, cameras));
     Ok(WindowJob {
         path: args.scene.clone(),
-        scene: loaded.map(|loaded| (loaded.scene, loaded.file_bytes)),
+        scene: opened,
         options,
         pixel_filter: args.look.pixel_filter(),
         cameras: cameras.to_vec(),
@@ -283,7 +293,7 @@ fn window_job(args: &PlayerArgs, loaded: Option<LoadedScene>, cameras: &[Camera]
             PresentArg::Immediate => PresentMode::Immediate,
         },
         device: args.device.choice(),
-        memory_budget_bytes: args.memory.budget(),
+        memory: memory_of(args),
         validation: device::validation(),
         frames: args.frames,
         path_cameras,
@@ -295,11 +305,11 @@ fn window_job(args: &PlayerArgs, loaded: Option<LoadedScene>, cameras: &[Camera]
 }
 
 fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
-    let loaded = load_scene_to_draw(&args.scene)?;
-    let options = viewer_options(args, &loaded.scene)?;
+    let opened = OpenedScene::open(&args.scene, memory_of(args))?;
+    let (options, counts) = (viewer_options(args, opened.scene())?, opened.counts());
     let gpu = device::open(args.device.choice())?;
     args.memory.limit(&gpu);
-    let mut viewer = SceneViewer::new(&gpu, loaded.scene, options)?;
+    let mut viewer = SceneViewer::of_opened(&gpu, opened, options)?;
     let path_cameras = path_cameras(args, viewer.scene(), cameras);
     let timings = play(&mut viewer, &path_cameras, args.frames.unwrap_or(1))?;
     if let Some(path) = &args.screenshot {
@@ -308,17 +318,12 @@ fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<
     device::check_validation(&gpu)?;
     let drawn = Drawn {
         device: gpu.caps().name.clone(),
-        counts: gaussian_counts(viewer.scene()),
+        counts,
         scene_on_host_bytes: viewer.scene_on_host_bytes(),
         size_px: viewer.size_px().unwrap_or_default(),
         window: false,
     };
     print(args, &played(args, drawn, &timings), printer)
-}
-
-/// Number of stored and of expanded Gaussians.
-fn gaussian_counts(scene: &InstancedScene) -> [u64; 2] {
-    [scene.source_len() as u64, scene.expanded_len()]
 }
 
 fn played(args: &PlayerArgs, drawn: Drawn, timings: &Timings) -> Played {

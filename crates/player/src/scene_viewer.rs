@@ -6,15 +6,16 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::swapchain::UI_PASS;
+use instgs_console::opened::{DrawnScene, OpenedScene, PagedView};
 use instgs_io::picture_png::write_png;
-use instgs_io::{ExportFormat, export_scene, save_scene};
+use instgs_io::{ExportFormat, IoError, PagedFile, export_scene, save_scene};
 use instgs_vk::gpu::staging::download_from;
 use instgs_vk::gpu::{Buffer, Gpu, Recorder};
 use instgs_vk::render::{
-    Ahead, Arrived, DeviceScene, ExtraPasses, FRAMES_IN_FLIGHT, FrameStats, InstanceLook, MarkShape, Marks, Presenter,
+    Ahead, Arrived, ExtraPasses, FRAMES_IN_FLIGHT, FrameStats, InstanceLook, MarkShape, Marks, Presenter,
     RenderOptions, Renderer, Show, ShownPicture, Surfaces,
 };
-use instgs_vk::scene::edit::{Edit, EditOutcome};
+use instgs_vk::scene::edit::{Edit, EditError, EditOutcome, EditReason};
 use instgs_vk::scene::{Camera, Instance, InstancedScene};
 
 use super::editor::{Changed, Editor};
@@ -64,8 +65,13 @@ pub struct SceneViewer {
     turn: usize,
     /// Times of the pixels that `recorders[turn]` made last.
     pixel_times: PixelTimes,
+    /// In pages, with stand-ins as its background.
     scene: InstancedScene,
-    device_scene: DeviceScene,
+    on_device: DrawnScene,
+    /// True if frames wait for all pages that they want; else stand-ins are drawn until they have come.
+    pub waits_for_pages: bool,
+    /// True if the last frame wanted pages that had not come.
+    awaits_pages: bool,
     /// How frames are rendered; may change between frames.
     pub options: ViewerOptions,
     /// Camera of the last frame.
@@ -90,6 +96,31 @@ impl SceneViewer {
     /// The device fails or has no memory for it.
     pub fn new(gpu: &Arc<Gpu>, scene: InstancedScene, options: ViewerOptions) -> Result<Self, PlayerError> {
         let renderer = Renderer::profiled(gpu)?;
+        let on_device = DrawnScene::whole(&renderer, &scene, &options.render)?;
+        Self::with(gpu, renderer, scene, on_device, options)
+    }
+
+    /// The same for a scene that was opened, which may be in pages.
+    ///
+    /// # Errors
+    /// The errors of [`SceneViewer::new`].
+    pub fn of_opened(gpu: &Arc<Gpu>, opened: OpenedScene, options: ViewerOptions) -> Result<Self, PlayerError> {
+        let file = match opened {
+            OpenedScene::Whole(loaded) => return Self::new(gpu, loaded.scene, options),
+            OpenedScene::InPages(file) => *file,
+        };
+        let renderer = Renderer::profiled(gpu)?;
+        let (view, scene) = PagedView::new(file, gpu, &renderer, &options.render)?;
+        Self::with(gpu, renderer, scene, DrawnScene::InPages(Box::new(view)), options)
+    }
+
+    fn with(
+        gpu: &Arc<Gpu>,
+        renderer: Renderer,
+        scene: InstancedScene,
+        on_device: DrawnScene,
+        options: ViewerOptions,
+    ) -> Result<Self, PlayerError> {
         Ok(Self {
             gpu: gpu.clone(),
             presenter: Presenter::new(gpu, &renderer)?,
@@ -99,8 +130,10 @@ impl SceneViewer {
             recorders: [Recorder::with_profiler(gpu)?, Recorder::with_profiler(gpu)?],
             turn: 0,
             pixel_times: PixelTimes::default(),
-            device_scene: renderer.upload_for(&scene, &options.render)?,
+            on_device,
             scene,
+            waits_for_pages: true,
+            awaits_pages: false,
             renderer,
             options,
             camera: None,
@@ -118,28 +151,64 @@ impl SceneViewer {
     ///
     /// # Errors
     /// The device fails or has no memory for it; an empty scene is shown then.
-    pub fn open(&mut self, scene: InstancedScene, options: ViewerOptions) -> Result<(), PlayerError> {
+    pub fn open(&mut self, opened: OpenedScene, options: ViewerOptions) -> Result<(), PlayerError> {
         while self.ahead.arrive()?.is_some() {}
         (self.scene, self.options, self.editor) = (InstancedScene::default(), options, Editor::default());
         (self.camera, self.slabs, self.one_submission) = (None, 0, false);
-        (self.has_surfaces, self.has_marks) = (false, None);
+        (self.has_surfaces, self.has_marks, self.awaits_pages) = (false, None, false);
         self.arrived.clear();
         self.renderer.forget_picture();
-        self.device_scene = self.renderer.upload_for(&self.scene, &options.render)?;
-        self.device_scene = self.renderer.upload_for(&scene, &options.render)?;
-        self.scene = scene;
+        self.on_device = DrawnScene::whole(&self.renderer, &self.scene, &options.render)?;
+        (self.on_device, self.scene) = match opened {
+            OpenedScene::Whole(loaded) => {
+                (DrawnScene::whole(&self.renderer, &loaded.scene, &options.render)?, loaded.scene)
+            }
+            OpenedScene::InPages(file) => {
+                let (view, scene) = PagedView::new(*file, &self.gpu, &self.renderer, &options.render)?;
+                (DrawnScene::InPages(Box::new(view)), scene)
+            }
+        };
         Ok(())
     }
 
     /// Moves the scene, with selection and undo history, to another device.
     ///
     /// # Errors
-    /// The device fails or has no memory for it.
+    /// The device fails or has no memory for it, or the file of a scene in pages is gone.
     pub fn reopened(gpu: &Arc<Gpu>, old: Self) -> Result<Self, PlayerError> {
-        let Self { scene, options, editor, .. } = old;
-        let mut viewer = Self { editor, ..Self::new(gpu, scene, options)? };
+        let Self { scene, options, editor, on_device, waits_for_pages, .. } = old;
+        let viewer = match on_device.paged_file() {
+            None => Self::new(gpu, scene, options)?,
+            Some(path) => {
+                let file = PagedFile::open(path)?.ok_or_else(|| IoError::new(path, texts::NO_PAGES))?;
+                Self::of_opened(gpu, OpenedScene::InPages(Box::new(file)), options)?
+            }
+        };
+        let mut viewer = Self { editor, waits_for_pages, ..viewer };
         viewer.show(viewer.editor.hidden().clone())?;
         Ok(viewer)
+    }
+
+    /// True if most of the background is not in memory, so that the scene can be looked at, but not edited or saved.
+    pub fn is_in_pages(&self) -> bool {
+        self.on_device.paged_file().is_some()
+    }
+
+    /// True if the last frame drew stand-ins for pages that are being read: draw it again.
+    pub fn awaits_pages(&self) -> bool {
+        self.awaits_pages
+    }
+
+    /// Gets the pages that a view wants, or those of them that have come.
+    fn follow_view(&mut self, camera: &Camera, waits: bool) -> Result<(), PlayerError> {
+        let options = self.render_options();
+        self.awaits_pages = if waits {
+            self.on_device.follow(camera, &options)?;
+            false
+        } else {
+            !self.on_device.follow_ahead(camera, &options)?.missing.is_empty()
+        };
+        Ok(())
     }
 
     /// The scene as edited, on the host.
@@ -149,7 +218,7 @@ impl SceneViewer {
 
     /// Memory of the scene on the device, bytes.
     pub fn device_bytes(&self) -> u64 {
-        self.device_scene.bytes() - self.device_scene.host_bytes()
+        self.on_device.device().bytes() - self.on_device.device().host_bytes()
     }
 
     /// Draws a frame and waits for it; the frame stays on the device.
@@ -158,6 +227,7 @@ impl SceneViewer {
             self.note(arrived);
         }
         self.upload_levels()?;
+        self.follow_view(camera, self.waits_for_pages)?;
         let mut stats = self.render(camera)?;
         if stats.slabs > 1 && matches!(self.options.show, Show::TileLoad(_)) {
             // The tile load is that of the last depth slab: a frame that overflowed its buffers is redone with the
@@ -176,7 +246,7 @@ impl SceneViewer {
             surfaces: self.has_surfaces.then_some(&mut self.surfaces),
             marks: self.has_marks.map(|shape| (&mut self.marks, shape)),
         };
-        Ok(self.renderer.render_with(&self.device_scene, camera, &options, extra)?)
+        Ok(self.renderer.render_with(self.on_device.device(), camera, &options, extra)?)
     }
 
     /// Prepares what the next frame has besides colours, and uploads which instances are selected.
@@ -203,7 +273,7 @@ impl SceneViewer {
 
     /// Bytes of the scene that are in host memory since the device has too little, where kernels read what is in view.
     pub fn scene_on_host_bytes(&self) -> u64 {
-        self.device_scene.host_bytes()
+        self.on_device.device().host_bytes()
     }
 
     /// Statistics of the frames that completed since the last call, in order.
@@ -231,13 +301,14 @@ impl SceneViewer {
                 return self.draw(camera);
             }
         }
+        self.follow_view(camera, self.waits_for_pages)?;
         self.prepare_looks()?;
         let options = self.render_options();
         let extra = ExtraPasses {
             surfaces: self.has_surfaces.then_some(&mut self.surfaces),
             marks: self.has_marks.map(|shape| (&mut self.marks, shape)),
         };
-        self.renderer.submit_ahead(&mut self.ahead, &self.device_scene, camera, &options, extra)?;
+        self.renderer.submit_ahead(&mut self.ahead, self.on_device.device(), camera, &options, extra)?;
         self.camera = Some(camera.clone());
         Ok(())
     }
@@ -305,7 +376,8 @@ impl SceneViewer {
     }
 
     fn has_wanted_levels(&self) -> bool {
-        self.device_scene.has_levels() == (self.options.render.lod_error_px > 0.0)
+        // A scene in pages has levels always: they stand in.
+        self.is_in_pages() || self.on_device.device().has_levels() == (self.options.render.lod_error_px > 0.0)
     }
 
     /// Levels of detail exist on the device only while merging is allowed, so that full quality is independent of them.
@@ -318,9 +390,13 @@ impl SceneViewer {
 
     /// Uploads the scene in place of the present one, which is freed first since both may not fit.
     fn upload(&mut self) -> Result<(), PlayerError> {
+        if self.is_in_pages() {
+            // Nothing of it changes but what is shown.
+            return Ok(());
+        }
         let options = &self.options.render;
-        self.device_scene = self.renderer.upload_for(&InstancedScene::default(), options)?;
-        self.device_scene = self.renderer.upload_for(&self.scene, options)?;
+        self.on_device = DrawnScene::whole(&self.renderer, &InstancedScene::default(), options)?;
+        self.on_device = DrawnScene::whole(&self.renderer, &self.scene, options)?;
         self.show(self.editor.hidden().clone())
     }
 
@@ -338,7 +414,7 @@ impl SceneViewer {
         let show = self.options.show;
         let picture = ShownPicture {
             renderer: &self.renderer,
-            scene: &self.device_scene,
+            scene: self.on_device.device(),
             surfaces: self.has_surfaces.then_some(&self.surfaces),
             marks: show.marks().filter(|_| self.has_marks == show.marks()).map(|_| &self.marks),
         };
@@ -405,7 +481,7 @@ impl SceneViewer {
         if !self.has_surfaces {
             self.upload_levels()?;
             let options = &self.options.render;
-            self.renderer.render_with_surfaces(&self.device_scene, &camera, options, &mut self.surfaces)?;
+            self.renderer.render_with_surfaces(self.on_device.device(), &camera, options, &mut self.surfaces)?;
         }
         let instance = self.surfaces.at(at_px.map(|v| v as u32))?.map(|point| point.instance as usize);
         Ok(instance.filter(|&k| k < self.scene.instances.len()))
@@ -459,6 +535,7 @@ impl SceneViewer {
     /// # Errors
     /// The edit is not possible, or the device refuses the changed scene; see [`ChangeError`].
     pub fn edit(&mut self, edit: &Edit) -> Result<EditOutcome, ChangeError> {
+        self.check_editable(edit)?;
         let unsaved = self.editor.is_unsaved();
         let (outcome, changed) = self.editor.apply(&mut self.scene, edit).map_err(ChangeError::Rejected)?;
         self.follow_or(&changed, |editor, scene| editor.refuse(scene, unsaved))?;
@@ -470,9 +547,19 @@ impl SceneViewer {
     /// # Errors
     /// The same errors as [`SceneViewer::edit`]; the previous edit of the drag is reverted as well.
     pub fn edit_live(&mut self, edit: &Edit) -> Result<EditOutcome, ChangeError> {
+        self.check_editable(edit)?;
         let (outcome, changed) = self.editor.apply_live(&mut self.scene, edit);
         self.follow_or(&changed, |editor, scene| drop(editor.cancel(scene)))?;
         outcome.map_err(ChangeError::Rejected)
+    }
+
+    fn check_editable(&self, edit: &Edit) -> Result<(), ChangeError> {
+        let refused = || EditError { operation: edit.name(), reason: EditReason::Value(texts::IN_PAGES.into()) };
+        if self.is_in_pages() { Err(ChangeError::Rejected(refused())) } else { Ok(()) }
+    }
+
+    fn check_whole(&self, path: &Path) -> Result<(), PlayerError> {
+        if self.is_in_pages() { Err(IoError::new(path, texts::IN_PAGES).into()) } else { Ok(()) }
     }
 
     /// Reverts the change in progress, in the scene and on the device.
@@ -514,11 +601,13 @@ impl SceneViewer {
 
     /// Like [`SceneViewer::save`], but unsaved changes stay marked as unsaved.
     pub fn write_copy(&self, path: &Path) -> Result<(), PlayerError> {
+        self.check_whole(path)?;
         Ok(save_scene(path, &self.scene)?)
     }
 
     /// Writes the scene, including hidden instances, in the format of the file's extension; see [`export_scene`].
     pub fn export(&self, path: &Path, up: DVec3) -> Result<(), PlayerError> {
+        self.check_whole(path)?;
         export_scene(path, &self.scene, ExportFormat::of(path, None)?, up)?;
         Ok(())
     }
@@ -546,7 +635,7 @@ impl SceneViewer {
             Changed::Places(instances) => {
                 let place = |&k: &usize| (k, self.scene.instances[k].world_from_template);
                 let places: Vec<_> = instances.iter().map(place).collect();
-                self.device_scene.place_instances(&places)?;
+                self.on_device.device_mut().place_instances(&places)?;
             }
             Changed::Shown(instances) => self.show(instances.iter().copied())?,
             Changed::Everything => self.upload()?,
@@ -557,6 +646,6 @@ impl SceneViewer {
     /// Updates on the device which of these instances are drawn, from the editor's hidden set.
     fn show(&mut self, instances: impl IntoIterator<Item = usize>) -> Result<(), PlayerError> {
         let shown: Vec<_> = instances.into_iter().map(|k| (k, !self.editor.hidden().contains(&k))).collect();
-        Ok(self.device_scene.show_instances(&shown)?)
+        Ok(self.on_device.device_mut().show_instances(&shown)?)
     }
 }

@@ -11,8 +11,9 @@ use winit::window::WindowId;
 
 use crate::swapchain::{Pixels, PresentMode, Target};
 use crate::ui_painter::UiFrame;
+use instgs_console::opened::{OpenedScene, SceneMemory};
 use instgs_vk::gpu::DeviceChoice;
-use instgs_vk::scene::{Boxes, Camera, InstancedScene, PixelFilterChoice};
+use instgs_vk::scene::{Boxes, Camera, PixelFilterChoice};
 
 use super::error::PlayerError;
 use super::headless::Timings;
@@ -52,8 +53,8 @@ const LOST_FOR_GOOD: Duration = Duration::from_secs(10);
 pub struct WindowJob {
     /// Path of the scene's file.
     pub path: PathBuf,
-    /// The scene and its file size in bytes; `None` to read `path` beside the first frames.
-    pub scene: Option<(InstancedScene, u64)>,
+    /// The scene; `None` to read `path` beside the first frames.
+    pub scene: Option<OpenedScene>,
     /// How frames are rendered. What depends on the scene, the pixel filter and the range of depths, is set when it is there.
     pub options: ViewerOptions,
     /// What the user asks of the pixel filter; the rest is each scene's own.
@@ -68,8 +69,8 @@ pub struct WindowJob {
     pub mode: PresentMode,
     /// The Vulkan device to open.
     pub device: DeviceChoice,
-    /// Device memory to draw with, bytes, the scene included; `u64::MAX` = what the device has.
-    pub memory_budget_bytes: u64,
+    /// Memory for scenes; `device_bytes` is what frames may take, too, and `u64::MAX` = what the device has.
+    pub memory: SceneMemory,
     /// True to enable the validation layers.
     pub validation: bool,
     /// Number of frames to draw without a pause through `path_cameras`, after which the window closes; `None` = the
@@ -330,7 +331,7 @@ impl Live {
         if let Some(recording) = &mut self.camera.recording {
             recording.push(self.pacing.seconds(), self.camera.navigator.camera(target.size_px));
         }
-        if goes_on || animated || !fits || !is_shown {
+        if goes_on || animated || !fits || !is_shown || self.session.viewer.awaits_pages() {
             self.screen.window.request_redraw();
         }
         Ok(true)

@@ -24,7 +24,8 @@ use crate::swapchain::{PresentMode, Swapchain};
 use crate::texts;
 use crate::ui_painter::UiPainter;
 use crate::views::View;
-use instgs_io::{IoError, LoadedScene, read_cameras};
+use instgs_console::opened::OpenedScene;
+use instgs_io::{IoError, read_cameras};
 use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
 use instgs_vk::kernels::open_tuned;
 use instgs_vk::render::Show;
@@ -45,11 +46,12 @@ impl Live {
         let navigator = Navigator::around(&Orbit::around(&InstancedScene::default(), job.up));
         let mut live = Self {
             session: Session {
-                viewer: SceneViewer::new(&gpu, InstancedScene::default(), job.options)?,
+                viewer: viewer_of(&gpu, job)?,
                 gpu,
                 path: job.path.clone(),
                 title,
                 file_bytes: 0,
+                memory: job.memory,
                 has_scene: false,
                 reopened: None,
                 validation_message: None,
@@ -84,7 +86,7 @@ impl Live {
     /// Shows the scene that the window was opened for, with the boxes of the command line.
     pub(super) fn take_first(
         &mut self,
-        scene: Result<(InstancedScene, u64), IoError>,
+        scene: Result<OpenedScene, IoError>,
         job: &WindowJob,
     ) -> Result<(), PlayerError> {
         self.take_scene(scene, job)?;
@@ -120,17 +122,18 @@ impl Live {
     /// Shows a scene, or displays why there is none.
     pub(super) fn take_scene(
         &mut self,
-        scene: Result<(InstancedScene, u64), IoError>,
+        scene: Result<OpenedScene, IoError>,
         job: &WindowJob,
     ) -> Result<(), PlayerError> {
-        let (scene, bytes) = match scene {
-            Ok(scene) => scene,
+        let opened = match scene {
+            Ok(opened) => opened,
             Err(error) => {
                 self.hud.message = Some(error.to_string());
                 return Ok(());
             }
         };
-        let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.camera.data_views.list)));
+        let scene = opened.scene();
+        let orbit = Orbit::around(scene, job.up.or_else(|| vertical_of(&self.camera.data_views.list)));
         self.camera.home = Navigator::around(&orbit);
         let taken = || cameras_of_run(&self.session.path);
         let (data, kept) = (self.camera.data_views.list.first(), self.camera.kept.list.first());
@@ -154,10 +157,10 @@ impl Live {
         self.split = None;
         self.input.boxing = Boxing::default();
         (self.camera.recording, self.pacing.refine_at, self.input.warned) = (None, None, None);
-        self.session.file_bytes = bytes;
+        self.session.file_bytes = opened.file_bytes();
         self.pacing.clock.clear();
         self.session.has_scene = false;
-        match self.session.viewer.open(scene, options) {
+        match self.session.viewer.open(opened, options) {
             Ok(()) => {
                 self.session.has_scene = true;
                 self.recent.note(&self.session.path);
@@ -173,10 +176,9 @@ impl Live {
     pub(super) fn take_file(
         &mut self,
         path: &Path,
-        loaded: Result<LoadedScene, IoError>,
+        loaded: Result<OpenedScene, IoError>,
         job: &WindowJob,
     ) -> Result<(), PlayerError> {
-        let loaded = loaded.map(|loaded| (loaded.scene, loaded.file_bytes));
         if loaded.is_ok() {
             self.session.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
             self.session.path = path.to_path_buf();
@@ -187,6 +189,13 @@ impl Live {
         }
         self.take_scene(loaded, job)
     }
+}
+
+/// A viewer of nothing yet. Frames that are timed wait for all pages of a scene; in a window stand-ins are drawn until they come.
+fn viewer_of(gpu: &Arc<Gpu>, job: &WindowJob) -> Result<SceneViewer, PlayerError> {
+    let mut viewer = SceneViewer::new(gpu, InstancedScene::default(), job.options)?;
+    viewer.waits_for_pages = job.frames.is_some();
+    Ok(viewer)
 }
 
 /// The first training camera of the run folder that a scene is in, if it is in one.
@@ -203,7 +212,7 @@ fn open_device(window: Arc<Window>, job: &WindowJob, mode: PresentMode) -> Resul
     let faults = Faults::of_environment()?;
     let options = GpuOptions { device, validation, display: Some(display), faults, ..Default::default() };
     let gpu = open_tuned(options)?;
-    gpu.set_memory_budget(job.memory_budget_bytes);
+    gpu.set_memory_budget(job.memory.device_bytes);
     let size = window.inner_size();
     // SAFETY: `Screen` drops the swapchain before the window, and so does this function on errors; the device was opened
     // for this display.

@@ -21,6 +21,7 @@ use crate::scene_viewer::{PixelTimes, SceneViewer};
 use crate::script::Step;
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
+use instgs_console::opened::SceneMemory;
 use instgs_io::json::write_json;
 use instgs_vk::gpu::{Gpu, GpuError};
 use instgs_vk::render::FrameStats;
@@ -39,6 +40,8 @@ pub(super) struct Session {
     pub(super) title: String,
     /// Size of the scene's file, bytes.
     pub(super) file_bytes: u64,
+    /// Memory for scenes.
+    pub(super) memory: SceneMemory,
     /// False if no scene could be read, or it was too large for the device.
     pub(super) has_scene: bool,
     /// When the device was reopened after a loss.

@@ -88,6 +88,10 @@ impl Live {
         if self.split.take().is_some() {
             return Ok(());
         }
+        if self.session.viewer.is_in_pages() {
+            self.hud.message = Some(texts::IN_PAGES.into());
+            return Ok(());
+        }
         let opened = self.session.viewer.first_state();
         let options = self.session.viewer.options;
         match SceneViewer::new(&self.session.gpu, opened, options) {

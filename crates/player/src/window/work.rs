@@ -15,7 +15,8 @@ use crate::actions::Take;
 use crate::error::PlayerError;
 use crate::recording::{PATH_FPS, Recording};
 use crate::texts;
-use instgs_io::{ExportFormat, IoError, LoadedScene, TEMPORARY_PREFIX, export_scene, load_scene_to_draw, save_scene};
+use instgs_console::opened::OpenedScene;
+use instgs_io::{ExportFormat, IoError, TEMPORARY_PREFIX, export_scene, save_scene};
 use instgs_vk::scene::{Camera, InstancedScene};
 use tempfile::{NamedTempFile, TempPath};
 
@@ -33,7 +34,7 @@ enum Kind {
     /// A thread writes a file; what it sends is why it could not.
     Write { done: Receiver<Result<(), String>>, to: PathBuf, saved_revision: Option<u64> },
     /// A thread reads a scene.
-    Read { done: Receiver<Result<LoadedScene, IoError>>, path: PathBuf, of: Opened },
+    Read { done: Receiver<Result<OpenedScene, IoError>>, path: PathBuf, of: Opened },
     /// Frames that are drawn one after another.
     Draw(Drawing),
 }
@@ -73,6 +74,9 @@ impl Live {
         if !self.session.has_scene {
             return self.hud.message = Some(texts::nothing_to_save(&self.session.path));
         }
+        if self.session.viewer.is_in_pages() {
+            return self.hud.message = Some(texts::IN_PAGES.into());
+        }
         // Saving again waits for the file that is being saved. Other work is not thrown away for it.
         self.wait_for_saving();
         if let Some(work) = &self.work {
@@ -110,7 +114,8 @@ impl Live {
     fn read(&mut self, path: &Path, of: Opened) {
         let (sender, done) = channel();
         let (name, of_thread) = (texts::opening(path), path.to_path_buf());
-        std::thread::spawn(move || drop(sender.send(load_scene_to_draw(&of_thread))));
+        let memory = self.session.memory;
+        std::thread::spawn(move || drop(sender.send(OpenedScene::open(&of_thread, memory))));
         let kind = Kind::Read { done, path: path.to_path_buf(), of };
         self.work = Some(Work { name, cancelled: Arc::default(), kind });
     }
@@ -139,7 +144,7 @@ impl Live {
         };
         self.work = None;
         match of {
-            Opened::First => self.take_first(loaded.map(|loaded| (loaded.scene, loaded.file_bytes)), job)?,
+            Opened::First => self.take_first(loaded, job)?,
             Opened::InPlace if loaded.is_ok() && self.is_unsaved() => {
                 self.hud.message = Some(texts::changed_meanwhile(&path));
             }

@@ -11,6 +11,9 @@ impl Live {
         if self.input.boxing.is_searching() {
             return self.says(texts::IS_SEARCHING);
         }
+        if self.session.viewer.is_in_pages() {
+            return self.says(texts::IN_PAGES);
+        }
         let Some(listed) = self.input.boxing.list.chosen_box() else {
             return self.says(texts::CLICK_FIRST);
         };

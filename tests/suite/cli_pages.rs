@@ -1,0 +1,114 @@
+//! Scenes in pages as a user has them: `export --pages`, and `render` with little memory.
+
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::Command;
+use instgs_io::{load_scene, save_scene, write_cameras};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
+use serde_json::Value;
+
+use crate::common::program::{program, skips_gpu};
+use crate::common::scale;
+
+/// Balls above a wide ground of 40,000 Gaussians.
+fn scene() -> InstancedScene {
+    let mut rng = Rng::new(3);
+    let mut scene = scale::field(100);
+    scene.instances.truncate(4);
+    let mut ground = Gaussians::with_capacity(1, 40_000);
+    for _ in 0..40_000 {
+        ground.means.push([rng.range(-20.0, 20.0) as f32, rng.range(-20.0, 20.0) as f32, -1.0]);
+        ground.quats.push([1.0, 0.0, 0.0, 0.0]);
+        ground.log_scales.push([-2.2, -2.2, -5.0]);
+        ground.opacity_logits.push(rng.range(-1.0, 2.0) as f32);
+        (0..4).for_each(|_| ground.sh.push([0; 3].map(|_| rng.range(-0.3, 0.6) as f32)));
+    }
+    scene.background = ground;
+    scene
+}
+
+fn exported(folder: &Path, more: &[&str]) -> std::path::PathBuf {
+    let (from, to) = (folder.join("whole.instgs"), folder.join("pages.instgs"));
+    save_scene(&from, &scene()).unwrap();
+    program().arg("export").arg("--scene").arg(&from).arg("--to").arg(&to).args(more).assert().success();
+    to
+}
+
+/// Renders three views from above the ground into a folder. (`--orbit` goes round the means, and stand-ins have others.)
+fn render(scene: &Path, out: &Path, more: &[&str]) -> Command {
+    let cameras = scene.with_file_name("cameras.json");
+    let camera = |k: u32| {
+        let (sin, cos) = (2.0 * f64::from(k)).sin_cos();
+        let view_from_world =
+            [[cos, -sin, 0.0, 0.0], [0.0, 0.0, -1.0, 0.5], [sin, cos, 0.0, 6.0], [0.0, 0.0, 0.0, 1.0]];
+        let name = format!("{k}.png");
+        Camera { name, width: 96, height: 54, fx: 80.0, fy: 80.0, cx: 48.0, cy: 27.0, view_from_world }
+    };
+    write_cameras(&cameras, &[0, 1, 2].map(camera)).unwrap();
+    let mut command = program();
+    command.env("INSTGS_VALIDATION", "1").args(["render", "--json", "--scene"]).arg(scene);
+    command.arg("--camera").arg(&cameras).arg("--out").arg(out).args(more);
+    command
+}
+
+fn report(command: &mut Command) -> (Value, String) {
+    let output = command.assert().success().get_output().clone();
+    (serde_json::from_slice(&output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+fn total(report: &Value, field: &str) -> u64 {
+    report["frames"].as_array().unwrap().iter().map(|frame| frame[field].as_u64().unwrap()).sum()
+}
+
+#[test]
+fn pages_are_read_where_memory_is_short_and_pictures_stay() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scene = exported(folder.path(), &["--pages", "--pack", "f16"]);
+    // Any reader has all of the scene.
+    assert_eq!(load_scene(&scene).unwrap().scene.background.len(), 40_000);
+    let (whole, warnings) = report(&mut render(&scene, &at("whole"), &[]));
+    assert_eq!((total(&whole, "pages_read"), warnings.as_str()), (0, ""));
+    let (in_pages, warnings) = report(&mut render(&scene, &at("pages"), &["--host-memory-mb", "1"]));
+    assert!(total(&in_pages, "pages_read") > 3, "{in_pages}");
+    assert_eq!((total(&in_pages, "pages_without_room"), warnings.as_str()), (0, ""));
+    for frame in whole["frames"].as_array().unwrap() {
+        let name = frame["files"][0].as_str().unwrap();
+        assert!(fs::read(at("whole").join(name)).unwrap() == fs::read(at("pages").join(name)).unwrap(), "{name}");
+    }
+    let little = ["--host-memory-mb", "1", "--device-memory-mb", "6"];
+    let (coarser, warnings) = report(&mut render(&scene, &at("little"), &little));
+    assert!(total(&coarser, "pages_without_room") > 0, "{coarser}");
+    assert!(warnings.contains("coarser in places"), "{warnings}");
+    let output = render(&scene, &at("none"), &["--device-memory-mb", "1"]).assert().failure().get_output().clone();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(error.contains("two pages") && error.contains("--device-memory-mb"), "{error}");
+    let output = program().args(["inspect", "--json"]).arg(&scene).assert().success().get_output().stdout.clone();
+    let inspected: Value = serde_json::from_slice(&output).unwrap();
+    assert!(inspected["bytes"]["file_sums"]["pages"].as_u64().unwrap() > 100_000, "{}", inspected["bytes"]);
+}
+
+#[test]
+fn what_has_no_pages_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = exported(folder.path(), &[]);
+    for (name, more, words) in [
+        ("a.ply", &["--pages"][..], "--pages is for .instgs files"),
+        ("a.instgs", &["--pages", "--pack", "small"], "use --pack f16"),
+    ] {
+        let mut command = program();
+        command.arg("export").arg("--scene").arg(&scene).arg("--to").arg(folder.path().join(name)).args(more);
+        let error = String::from_utf8(command.assert().failure().get_output().stderr.clone()).unwrap();
+        assert!(error.contains(words), "{error}");
+    }
+    if skips_gpu() {
+        return;
+    }
+    let (_, warnings) = report(&mut render(&scene, &folder.path().join("out"), &["--host-memory-mb", "1"]));
+    assert!(warnings.contains("export --pages"), "{warnings}");
+}
