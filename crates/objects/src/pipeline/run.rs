@@ -27,10 +27,11 @@ use instgs_vk::render::Renderer;
 use instgs_vk::scene::InstancedScene;
 
 /// Prefixes of the keys that affect only the joint phase, or nothing that is computed.
-const OF_JOINT_PHASE: [&str; 14] = [
+const OF_JOINT_PHASE: [&str; 15] = [
     "joint.steps",
     "joint.final_factor",
     "joint.decay_start",
+    "joint.decay_steps",
     "joint.prune_opacity",
     "joint.grow_fraction",
     "joint.max_expanded",

@@ -35,6 +35,8 @@ pub struct JointConfig {
     pub final_factor: f64,
     /// Fraction of the steps after which the rates begin to decay, in 0..1.
     pub decay_start: f64,
+    /// Steps within which the same rates fall by the same factor besides, from the first step on; 0 = they do not.
+    pub decay_steps: u64,
     /// Opacity below which Gaussians are removed at the end; 0 = none are removed.
     pub prune_opacity: f64,
     /// Fraction of the steps before which templates and background are densified; 0 = their numbers stay.
@@ -155,7 +157,9 @@ impl TrainConfig {
 
     /// Learning rates of step index `step` of the joint phase; `extent` is the scene's, scene units.
     pub(super) fn joint_rates_at(&self, step: u64, extent: f64) -> Rates {
-        let factor = late_decay(self.joint.final_factor, self.joint.decay_start, step, self.steps);
+        let JointConfig { final_factor, decay_start, decay_steps, .. } = self.joint;
+        let long = if decay_steps > 0 { late_decay(final_factor, 0.0, step, decay_steps) } else { 1.0 };
+        let factor = long * late_decay(final_factor, decay_start, step, self.steps);
         let at = |rates: &JointRates| rates.at(step, self.steps, extent, factor);
         let poses = &self.pose_rates;
         let refined = |refine: bool, rate: f64| if refine { rate * factor } else { 0.0 };
@@ -198,13 +202,25 @@ mod tests {
 
     #[test]
     fn phases_have_their_own_steps_and_rates() -> Result<(), ConfigError> {
-        let config = joint(&["joint.steps=40", "steps=1000", "joint.final_factor=0.25", "joint.decay_start=0"])?;
+        let config = joint(&[
+            "joint.steps=40",
+            "steps=1000",
+            "joint.final_factor=0.25",
+            "joint.decay_start=0",
+            "joint.decay_steps=0",
+        ])?;
         assert_eq!((config.steps, config.method, config.strategy), (40, Method::Instanced, Strategy::Densify));
         assert_eq!(joint(&["joint.grow_fraction=0"])?.strategy, Strategy::None);
         assert_eq!(config.sh_degree_at(0), 3);
         let half = config.rates_at(20, 1.0);
         assert!((half.template.opacity / 0.0125 - 1.0).abs() < 1e-12);
         assert!((half.offsets.means / (1.6e-4f64 * 1.6e-5).sqrt() - 1.0).abs() < 1e-12);
+        let long =
+            joint(&["joint.steps=40", "joint.final_factor=0.25", "joint.decay_start=0.5", "joint.decay_steps=80"])?;
+        // A quarter of the way of the one, half of the other's.
+        assert!((long.rates_at(20, 1.0).template.opacity / (0.025 * 0.25f64.powf(0.25)) - 1.0).abs() < 1e-12);
+        assert!((long.rates_at(30, 1.0).offsets.sh_dc / (2.5e-3 * 0.25f64.powf(0.375 + 0.5)) - 1.0).abs() < 1e-12);
+        assert_eq!(long.rates_at(20, 1.0).offsets.means, half.offsets.means);
         let alone = config.cloud_alone();
         assert_eq!((alone.method, alone.rates.final_factor, alone.rates.decay_steps), (Method::Gaussians, 0.25, 0));
         assert!((alone.rates_at(20, 1.0).background.opacity / 0.0125 - 1.0).abs() < 1e-12);

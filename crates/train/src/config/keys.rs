@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 105] = [
+pub const KEYS: [Key; 106] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -125,6 +125,7 @@ pub const KEYS: [Key; 105] = [
     key("joint.refine_scales", Flag),
     key("joint.final_factor", RealAbove(0.0, RATE_MAX)),
     key("joint.decay_start", RealBelow(0.0, 1.0)),
+    key("joint.decay_steps", Whole(0, STEPS_MAX)),
     key("joint.prune_opacity", RealBelow(0.0, 1.0)),
     key("joint.grow_fraction", Real(0.0, 1.0)),
     key("joint.max_expanded", Real(0.0, 1e3)),

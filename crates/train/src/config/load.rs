@@ -56,6 +56,8 @@ const OLDER_RUNS: &str = "
 decay_steps = 0
 [densify]
 growth = \"clone_or_split\"
+[joint]
+decay_steps = 0
 ";
 
 /// Puts a configuration together; each layer overrides those before it. An error names the layer that caused it.

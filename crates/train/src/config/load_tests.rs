@@ -36,6 +36,7 @@ fn runs_of_older_versions_go_on_as_they_began() -> Test {
     let older = ConfigBuilder::new().run_file(&path)?;
     let resumed = older.clone().finish()?;
     assert_eq!((resumed.densify.growth, resumed.rates.decay_steps), (Growth::CloneOrSplit, 0));
+    assert_eq!(resumed.joint.decay_steps, 0);
     assert_eq!(resumed.rates.final_factor, 0.5);
     assert_eq!(older.set("densify.growth=halves")?.finish()?.densify.growth, Growth::Halves);
     std::fs::write(&path, TrainConfig::default().to_toml()?)?;
