@@ -5,7 +5,7 @@ use instgs_io::{Pack, load_scene_to_draw, write_scene_file_in_pages};
 use instgs_player::{ChangeError, SceneViewer, ViewerOptions};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::edit::{Edit, Selector};
-use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, InstancedScene};
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
 use crate::common::chairs::chairs;
 use crate::common::gpu::{assert_silent, gpu};
@@ -42,11 +42,10 @@ fn pages_come_as_the_view_wants_them() {
     let path = folder.path().join("a.instgs");
     write_scene_file_in_pages(&path, &scene(), Pack::F32).unwrap();
     let options = ViewerOptions::default();
-    let memory = SceneMemory { host_bytes: Some(1), device_bytes: u64::MAX, precision: DevicePrecision::F32 };
+    let memory = SceneMemory { host_bytes: Some(1) };
     let open = || OpenedScene::open(&path, memory).unwrap();
     assert!(matches!(open(), OpenedScene::InPages(_)));
-    let enough = SceneMemory { host_bytes: None, ..memory };
-    assert!(matches!(OpenedScene::open(&path, enough).unwrap(), OpenedScene::Whole(_)));
+    assert!(matches!(OpenedScene::open(&path, SceneMemory::default()).unwrap(), OpenedScene::Whole(_)));
     let loaded = load_scene_to_draw(&path).unwrap().scene;
     assert_eq!(open().counts(), [loaded.source_len() as u64, loaded.expanded_len()]);
     let mut whole = SceneViewer::new(&gpu, loaded, options).unwrap();
@@ -90,7 +89,7 @@ fn what_needs_the_whole_scene_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.instgs");
     write_scene_file_in_pages(&path, &scene(), Pack::F16).unwrap();
-    let memory = SceneMemory { host_bytes: Some(1), device_bytes: u64::MAX, precision: DevicePrecision::F16 };
+    let memory = SceneMemory { host_bytes: Some(1) };
     let opened = OpenedScene::open(&path, memory).unwrap();
     let mut viewer = SceneViewer::of_opened(&gpu, opened, ViewerOptions::default()).unwrap();
     viewer.draw(&camera(0.0)).unwrap();

@@ -79,7 +79,7 @@ struct RenderedFrame {
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let gpu = device::open(device_args.choice())?;
     args.memory.limit(&gpu);
-    let memory = args.memory.of_scenes(&gpu, args.precision.precision());
+    let memory = args.memory.of_scenes();
     let opened = OpenedScene::open(&args.scene, memory)?;
     for what in opened.warnings(memory) {
         printer.warning(format_args!("{}: {what}", args.scene.display()));

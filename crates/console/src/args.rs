@@ -200,21 +200,16 @@ pub struct MemoryArgs {
     /// most of it stays in host memory, with the same result [default: what the device has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     device_memory_mb: Option<u32>,
-    /// Host memory for the scene, MiB; of a scene with pages (export --pages) that needs more, or for which the device has too
-    /// little, only what views want is read [default: what is available]
+    /// Host memory to read the scene with, MiB; of a scene with pages (export --pages) that needs more, only what views want is
+    /// read [default: what is available]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     host_memory_mb: Option<u32>,
 }
 
 impl MemoryArgs {
-    /// Bytes of host memory for the scene; `None` = what is available.
-    pub fn host_budget(&self) -> Option<u64> {
-        self.host_memory_mb.map(|mib| u64::from(mib) << 20)
-    }
-
-    /// The memory for scenes on a device whose budget is set.
-    pub fn of_scenes(&self, gpu: &Gpu, precision: DevicePrecision) -> SceneMemory {
-        SceneMemory { host_bytes: self.host_budget(), device_bytes: gpu.memory_budget(), precision }
+    /// The memory for scenes.
+    pub fn of_scenes(&self) -> SceneMemory {
+        SceneMemory { host_bytes: self.host_memory_mb.map(|mib| u64::from(mib) << 20) }
     }
 
     /// Bytes of device memory to draw with; `u64::MAX` = what the device has.

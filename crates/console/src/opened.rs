@@ -35,14 +35,10 @@ pub enum DrawnScene {
 }
 
 /// Memory for scenes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneMemory {
     /// Host memory, bytes; `None` = what is available.
     pub host_bytes: Option<u64>,
-    /// Device memory for frames and scene, bytes ([`Gpu::memory_budget`]).
-    pub device_bytes: u64,
-    /// How the device holds scenes.
-    pub precision: DevicePrecision,
 }
 
 /// Why a scene in pages cannot be drawn, or not go on to be.
@@ -68,7 +64,8 @@ pub enum FollowError {
 }
 
 impl OpenedScene {
-    /// Opens a scene. It stays in pages if its file has them and it needs more memory than there is.
+    /// Opens a scene. It stays in pages if its file has them and reading all of it takes more host memory than there is. (What the
+    /// device alone has too little memory for is drawn from the host's, without loss.)
     ///
     /// # Errors
     /// The file cannot be read, or is damaged.
@@ -144,20 +141,15 @@ impl OpenedScene {
 impl SceneMemory {
     /// True if it is enough for all of a scene of so many stored Gaussians.
     fn is_enough(self, scene: &InstancedScene, gaussians: u64) -> bool {
-        let host = self.host_bytes.or_else(host_memory::available_bytes).unwrap_or(u64::MAX);
-        let on_device = bytes_of(scene, gaussians, self.precision);
-        needed_on_host(scene, gaussians) <= host && on_device as f64 <= PART_FOR_PAGES * self.device_bytes as f64
+        let available = self.host_bytes.or_else(host_memory::available_bytes).unwrap_or(u64::MAX);
+        needed_on_host(scene, gaussians) <= available
     }
 }
 
 /// Bytes that reading a scene of so many stored Gaussians takes.
 fn needed_on_host(scene: &InstancedScene, gaussians: u64) -> u64 {
-    HOST_COPIES.saturating_mul(bytes_of(scene, gaussians, DevicePrecision::F32))
-}
-
-/// Bytes of the numbers of a scene of so many stored Gaussians.
-fn bytes_of(scene: &InstancedScene, gaussians: u64, precision: DevicePrecision) -> u64 {
-    gaussians.saturating_mul(row_bytes(scene.sh_degree(), precision)).saturating_add(scene.offsets.tensor_bytes())
+    let of_numbers = gaussians.saturating_mul(row_bytes(scene.sh_degree(), DevicePrecision::F32));
+    HOST_COPIES.saturating_mul(of_numbers.saturating_add(scene.offsets.tensor_bytes()))
 }
 
 impl DrawnScene {

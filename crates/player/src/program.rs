@@ -15,7 +15,7 @@ use crate::window::{self, WindowJob};
 use crate::{PlayerError, SceneViewer, ViewerOptions};
 use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
-use instgs_console::opened::{OpenedScene, SceneMemory};
+use instgs_console::opened::OpenedScene;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, exit_code, parse};
 use instgs_io::json::as_map;
@@ -214,7 +214,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
         return headless(args, &cameras, printer);
     }
     // Frames that are timed begin with the scene; a window reads it beside its first frames and displays errors.
-    let opened = args.frames.map(|_| OpenedScene::open(&args.scene, memory_of(args))).transpose()?;
+    let opened = args.frames.map(|_| OpenedScene::open(&args.scene, args.memory.of_scenes())).transpose()?;
     let counts = opened.as_ref().map_or([0; 2], OpenedScene::counts);
     let boxes = args.boxes.as_ref().map(|path| read_boxes(path).map(|boxes| (path.clone(), boxes))).transpose()?;
     let script = script(args.script.as_deref())?;
@@ -266,15 +266,6 @@ fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -
     cameras.iter().map(|camera| camera.resized(args.size.0, args.size.1)).collect()
 }
 
-/// Memory for scenes. The device is not open yet, so without the flag it is taken to have enough.
-fn memory_of(args: &PlayerArgs) -> SceneMemory {
-    SceneMemory {
-        host_bytes: args.memory.host_budget(),
-        device_bytes: args.memory.budget(),
-        precision: args.precision.precision(),
-    }
-}
-
 fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]) -> Result<WindowJob, CliError> {
     let empty = InstancedScene::default();
     let scene = opened.as_ref().map_or(&empty, OpenedScene::scene);
@@ -293,7 +284,8 @@ fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]
             PresentArg::Immediate => PresentMode::Immediate,
         },
         device: args.device.choice(),
-        memory: memory_of(args),
+        memory_budget_bytes: args.memory.budget(),
+        memory: args.memory.of_scenes(),
         validation: device::validation(),
         frames: args.frames,
         path_cameras,
@@ -305,7 +297,7 @@ fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]
 }
 
 fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
-    let opened = OpenedScene::open(&args.scene, memory_of(args))?;
+    let opened = OpenedScene::open(&args.scene, args.memory.of_scenes())?;
     let (options, counts) = (viewer_options(args, opened.scene())?, opened.counts());
     let gpu = device::open(args.device.choice())?;
     args.memory.limit(&gpu);

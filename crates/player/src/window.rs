@@ -69,7 +69,9 @@ pub struct WindowJob {
     pub mode: PresentMode,
     /// The Vulkan device to open.
     pub device: DeviceChoice,
-    /// Memory for scenes; `device_bytes` is what frames may take, too, and `u64::MAX` = what the device has.
+    /// Device memory to draw with, bytes, the scene included; `u64::MAX` = what the device has.
+    pub memory_budget_bytes: u64,
+    /// Host memory to read scenes with.
     pub memory: SceneMemory,
     /// True to enable the validation layers.
     pub validation: bool,

@@ -212,7 +212,7 @@ fn open_device(window: Arc<Window>, job: &WindowJob, mode: PresentMode) -> Resul
     let faults = Faults::of_environment()?;
     let options = GpuOptions { device, validation, display: Some(display), faults, ..Default::default() };
     let gpu = open_tuned(options)?;
-    gpu.set_memory_budget(job.memory.device_bytes);
+    gpu.set_memory_budget(job.memory_budget_bytes);
     let size = window.inner_size();
     // SAFETY: `Screen` drops the swapchain before the window, and so does this function on errors; the device was opened
     // for this display.

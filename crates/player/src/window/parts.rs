@@ -40,7 +40,7 @@ pub(super) struct Session {
     pub(super) title: String,
     /// Size of the scene's file, bytes.
     pub(super) file_bytes: u64,
-    /// Memory for scenes.
+    /// Host memory to read scenes with.
     pub(super) memory: SceneMemory,
     /// False if no scene could be read, or it was too large for the device.
     pub(super) has_scene: bool,
