@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::gpu::interface::types;
-use crate::gpu::staging::{download, upload};
+use crate::gpu::staging::{download, upload, write};
 use crate::gpu::{Buffer, BufferPart, Gpu, GpuError, Home, Recorder};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
@@ -37,7 +37,7 @@ pub struct SceneCounts {
     pub templates: usize,
     /// SH degree of the templates and of instances' own Gaussians.
     pub template_sh_degree: u32,
-    /// Gaussians of the background.
+    /// Gaussians of the background; in pages, of its stand-ins and of all page slots.
     pub background: usize,
     /// SH degree of the background.
     pub background_sh_degree: u32,
@@ -224,6 +224,14 @@ impl DeviceScene {
         let coarser = levels.coarser.iter().map(|rows| rows.start + blocks..rows.end + blocks).collect();
         let expanded_len = scene.expanded_len() - scene.background.len() as u64 + pages.rows()[0];
         Ok((Self { expanded_len, coarser: Some(coarser), ..out }, [first_block, first_level]))
+    }
+
+    /// Writes the whole instance table at once, after most of its rows have changed. The device must be idle.
+    pub(super) fn write_all_rows(&mut self, gpu: &Arc<Gpu>) -> Result<(), GpuError> {
+        let Some(table) = &self.table else { return Ok(()) };
+        write(gpu, &mut self.instances, table.rows())?;
+        table.submitted();
+        Ok(())
     }
 
     /// Changes a row of the instance table that is of no instance, as [`DeviceScene::place_instances`] does.
@@ -532,8 +540,14 @@ fn check_limit(count: usize) -> Result<(), RenderError> {
     }
 }
 
-/// The windows of a scene with so many rows. The widest rows are a quaternion (16 bytes), or a mean (12) of a packed scene, or
-/// the highest SH band (2 l + 1 colours of 12 or 6 bytes).
+/// Bytes of the widest row of a scene's arrays: a quaternion (16), or a mean (12) of a packed scene, or the highest SH band (2 l + 1
+/// colours of 12 or 6 bytes).
+pub(super) fn widest_row_bytes(sh_degree: u32, precision: DevicePrecision) -> u64 {
+    let [others, color] = if precision == DevicePrecision::F32 { [16, 12] } else { [12, 6] };
+    u64::from(others.max(color * (2 * sh_degree + 1)))
+}
+
+/// The windows of a scene with so many rows.
 fn windows_of(
     gpu: &Gpu,
     rows: &ParameterSet<Rows>,
@@ -541,8 +555,7 @@ fn windows_of(
     precision: DevicePrecision,
     chunk_size: u32,
 ) -> Result<SourceWindows, RenderError> {
-    let [others, color] = if precision == DevicePrecision::F32 { [16, 12] } else { [12, 6] };
-    let row_bytes = u64::from(others.max(color * (2 * sh_degree + 1)));
+    let row_bytes = widest_row_bytes(sh_degree, precision);
     let binding_bytes = gpu.caps().max_storage_bytes;
     SourceWindows::new(rows, row_bytes, binding_bytes, chunk_size).ok_or_else(|| RenderError::TooMany {
         what: "source Gaussians",

@@ -54,6 +54,11 @@ impl InstanceTable {
         self.changed().insert(index);
     }
 
+    /// All rows.
+    pub(super) fn rows(&self) -> &[types::Instance] {
+        &self.rows
+    }
+
     /// True if a changed row has not been written by a submission yet.
     pub(super) fn has_changes(&self) -> bool {
         !self.changed().is_empty()

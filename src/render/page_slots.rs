@@ -46,6 +46,13 @@ impl PageSlots {
         self.slot_of[page as usize] = Some(slot as u32);
         Some((slot as u32, before))
     }
+
+    /// Takes its slot from a page that could not be written.
+    pub(super) fn release(&mut self, page: u32) {
+        if let Some(slot) = self.slot_of[page as usize].take() {
+            self.page_in[slot as usize] = None;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -66,6 +73,9 @@ mod tests {
         assert_eq!(slots.want(&[3, 4]), [3, 4]);
         assert_eq!(slots.take(3), Some((0, Some(0))));
         assert_eq!(slots.take(4), Some((1, Some(1))));
+        slots.release(4);
+        assert_eq!(slots.want(&[3, 4]), [4]);
+        assert_eq!(slots.take(4), Some((1, None)));
         assert!(slots.want(&[]).is_empty());
         assert_eq!(PageSlots::new(0, 3).take(2), None);
     }

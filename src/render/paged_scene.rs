@@ -12,11 +12,11 @@ use glam::{DVec3, Vec3};
 
 use crate::gpu::{Buffer, Gpu, Recorder, Ticket};
 use crate::scene::lod::NO_NEXT_CELL;
-use crate::scene::lod::pages::{Ball, Page, PageTable, PagedLevel};
+use crate::scene::lod::pages::{Ball, Page, PageTable, PagedLevel, chunks_of};
 use crate::scene::source_layout::CloudSize;
 use crate::scene::{Camera, DevicePrecision, Gaussians, InstancedScene, Parameter};
 
-use super::device_scene::DeviceScene;
+use super::device_scene::{DeviceScene, widest_row_bytes};
 use super::error::RenderError;
 use super::packed_scene::PackedScene;
 use super::page_slots::PageSlots;
@@ -53,8 +53,6 @@ pub struct PagedScene {
 /// The pages that a view wants.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PagesInView {
-    /// Number of pages that it wants.
-    pub wanted: usize,
     /// Those of them that are not in place and have room, the most important first.
     pub missing: Vec<u32>,
     /// Number of those without room: their stand-ins are drawn.
@@ -66,8 +64,14 @@ pub struct PagesInView {
 pub struct PagedBytes {
     /// What is always there, but for the tables of rows and chunks: stand-ins, and what instances show.
     pub standing: u64,
-    /// A slot for a page.
+    /// A page slot.
     pub slot: u64,
+    /// Rows of a page slot.
+    pub slot_rows: u64,
+    /// Rows of what is before the first one, with levels of templates.
+    pub standing_rows: u64,
+    /// The widest row of any of the arrays, bytes.
+    pub widest_row: u64,
     /// Number of pages.
     pub pages: u32,
 }
@@ -84,7 +88,7 @@ struct Upload {
 
 /// Rows of a slot that holds any of the pages.
 fn slot_rows(pages: &[Page]) -> u32 {
-    pages.iter().map(Page::rows).max().unwrap_or(0).next_multiple_of(SLOT_ROWS)
+    pages.iter().map(Page::rows).max().unwrap_or(0).div_ceil(SLOT_ROWS).saturating_mul(SLOT_ROWS)
 }
 
 /// Bytes of a Gaussian in device memory.
@@ -98,20 +102,25 @@ impl PagedBytes {
     /// The bytes of a scene with these stand-ins as its background, without a device.
     pub fn of(scene: &InstancedScene, table: &PageTable, precision: DevicePrecision) -> Self {
         let pages = table.pages();
-        let posed = (scene.templates.len() + scene.own.len()) as u64;
-        let posed = posed * row_bytes(scene.templates.sh_degree, precision) + scene.offsets.tensor_bytes();
+        let posed_rows = (scene.templates.len() + scene.own.len()) as u64;
+        let posed = posed_rows * row_bytes(scene.templates.sh_degree, precision) + scene.offsets.tensor_bytes();
         let row = row_bytes(scene.background.sh_degree, precision);
         Self {
             // Levels of templates are about as many again, and so are their offsets.
             standing: 2 * posed + scene.background.len() as u64 * row,
             slot: u64::from(slot_rows(&pages)) * row,
+            slot_rows: slot_rows(&pages).into(),
+            standing_rows: 4 * posed_rows + scene.background.len() as u64,
+            widest_row: widest_row_bytes(scene.sh_degree(), precision),
             pages: pages.len() as u32,
         }
     }
 
-    /// The number of slots in a budget; `None` if not even two pages have room beside what is always there.
-    pub fn slots(&self, budget: u64) -> Option<u32> {
-        let slots = budget.saturating_sub(self.standing) / self.slot.max(1);
+    /// The number of page slots in a budget, on a device whose buffers have at most `buffer_bytes`; `None` if not even two pages
+    /// have room beside what is always there.
+    pub fn slots(&self, budget: u64, buffer_bytes: u64) -> Option<u32> {
+        let rows = (buffer_bytes / self.widest_row).min(u64::from(u32::MAX)).saturating_sub(self.standing_rows);
+        let slots = (budget.saturating_sub(self.standing) / self.slot.max(1)).min(rows / self.slot_rows.max(1));
         let slots = u32::try_from(slots).unwrap_or(u32::MAX).min(self.pages);
         (slots >= self.pages.min(2)).then_some(slots)
     }
@@ -126,7 +135,7 @@ impl PagedScene {
     pub fn new(
         gpu: &Arc<Gpu>,
         scene: &InstancedScene,
-        table: PageTable,
+        mut table: PageTable,
         slots: u32,
         chunk_size: u32,
         precision: DevicePrecision,
@@ -143,6 +152,16 @@ impl PagedScene {
         let first_slot = scene.background.len().next_multiple_of(2);
         let spare = first_slot - scene.background.len() + slots as usize * slot_rows as usize;
         let (device, first_rows) = DeviceScene::with_pages(gpu, scene, &table, spare, chunk_size, precision)?;
+        // A block is in view, too, where a finer level of it is, whose merged Gaussians are larger.
+        let mut level_chunks = table.level_chunks.iter();
+        for level in &table.levels {
+            let sigmas = level_chunks.by_ref().take(chunks_of(level.count)).map(|ball| ball[4]);
+            let sigma_max = sigmas.fold(0.0, f32::max);
+            if !level.stands_in {
+                let of_block = &mut table.block_balls[level.block as usize][4];
+                *of_block = of_block.max(sigma_max);
+            }
+        }
         let posed = device.counts.rows[Parameter::Means][0];
         let posed = CloudSize { len: posed, sh_degree: device.counts.template_sh_degree };
         let mut out = Self {
@@ -166,6 +185,7 @@ impl PagedScene {
             }
         }
         (0..out.pages.len() as u32).for_each(|page| out.show_stand_ins(page, false));
+        out.device.write_all_rows(gpu)?;
         Ok(out)
     }
 
@@ -182,11 +202,6 @@ impl PagedScene {
     /// The pages of the background.
     pub fn pages(&self) -> &[Page] {
         &self.pages
-    }
-
-    /// Number of slots.
-    pub fn slots(&self) -> usize {
-        self.slots.len()
     }
 
     /// The pages that a view wants, by the size on the screen of the cells of their stand-ins. With levels of detail, pages of
@@ -209,7 +224,7 @@ impl PagedScene {
         wanted.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let pages: Vec<u32> = wanted.iter().map(|&(_, page)| page).take(self.slots.len()).collect();
         let missing = self.slots.want(&pages);
-        PagesInView { wanted: wanted.len(), missing, without_room: wanted.len() - pages.len() }
+        PagesInView { missing, without_room: wanted.len() - pages.len() }
     }
 
     /// Gives the device a page: its Gaussians at full detail, then those of its finer levels, in the order of the table. The
@@ -238,7 +253,11 @@ impl PagedScene {
             self.show_stand_ins(before, false);
         }
         let first = self.first_slot + slot * self.slot_rows;
-        self.write(first as usize, gaussians)?;
+        if let Err(error) = self.write(first as usize, gaussians) {
+            self.upload.recorder.abandon();
+            self.slots.release(page);
+            return Err(error);
+        }
         self.show_stand_ins(page, true);
         let mut row = first;
         let Page { blocks, levels, .. } = self.pages[page as usize].clone();
@@ -409,9 +428,7 @@ impl Frustum {
     /// False only if no splat of the ball can change a pixel.
     fn may_show(&self, ball: &Ball) -> bool {
         let center = self.in_view(ball);
-        // f32 rounds large coordinates.
-        let slack =
-            4e-6 * center.abs().max_element() + 1e-6 * f64::from(ball[0].abs().max(ball[1].abs()).max(ball[2].abs()));
+        let slack = self.slack(ball, center);
         let (radius, sigma) = (1.01 * f64::from(ball[3]) + slack, 1.02 * f64::from(ball[4]));
         center.z + radius > self.near
             && self
@@ -420,12 +437,19 @@ impl Frustum {
                 .all(|(normal, reach)| normal.dot(center) + normal.length() * radius + reach * sigma > 0.0)
     }
 
+    /// Several times what f32 makes of the large coordinates of a ball.
+    fn slack(&self, ball: &Ball, in_view: DVec3) -> f64 {
+        let in_world = ball[0].abs().max(ball[1].abs()).max(ball[2].abs());
+        4e-5 * (in_view.abs().max_element() + f64::from(in_world))
+    }
+
     /// Pixels that a cell is wide at the nearest point of a ball; 0 if the ball is out of view.
     fn cell_px(&self, ball: &Ball, cell: f32) -> f64 {
         if !self.may_show(ball) {
             return 0.0;
         }
-        let nearest = (self.in_view(ball).z - f64::from(ball[3])).max(self.near).max(1e-9);
+        let center = self.in_view(ball);
+        let nearest = (center.z - f64::from(ball[3]) - self.slack(ball, center)).max(self.near).max(1e-9);
         // What cannot be merged is as wide as its block.
         let wide = if cell >= NO_NEXT_CELL { 2.0 * f64::from(ball[3]) + f64::from(ball[4]) } else { cell.into() };
         (self.focal_px * wide / nearest).max(f64::MIN_POSITIVE)

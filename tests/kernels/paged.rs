@@ -1,36 +1,56 @@
 //! Backgrounds in pages: the pictures are those of the scene in one piece, whatever came and went before, and a page that is
 //! not there leaves no hole.
 
+use std::sync::Arc;
+
+use instgs_vk::gpu::Gpu;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{PagedScene, RenderOptions, Renderer};
 use instgs_vk::scene::lod::pages::PagedBackground;
 use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, Instance, InstancedScene, SourceRange};
 
-use crate::common::gpu::{alpha, assert_silent, gpu};
+use crate::common::gpu::{alpha, assert_silent, gpu, with_bindings_of};
 use crate::common::random_scene::rare_case;
 
-/// A wide ground of small splats, and the instances of a random scene on it.
-fn scene(seed: u64, posed: usize) -> InstancedScene {
+/// What is on the ground.
+#[derive(Clone, Copy, PartialEq)]
+enum Posed {
+    Nothing,
+    /// The instances of a random scene; with an even or an odd number of Gaussians of their own and of templates.
+    Instances {
+        odd: bool,
+    },
+}
+
+/// A wide ground of small splats of an SH degree, and what is on it.
+fn scene(seed: u64, posed: Posed, sh_degree: u32) -> InstancedScene {
     let mut rng = Rng::new(seed);
     let mut out = rare_case(seed).scene;
-    let mut ground = Gaussians::with_capacity(2, 30_000);
+    let mut ground = Gaussians::with_capacity(sh_degree, 30_000);
     for _ in 0..30_000 {
         let (x, y) = (rng.range(-40.0, 40.0), rng.range(-40.0, 40.0));
         ground.means.push([x as f32, (0.3 * (x + y).sin() + 2.0) as f32, y as f32]);
         ground.quats.push([0; 4].map(|_| rng.normal() as f32));
         ground.log_scales.push([0; 3].map(|_| rng.range(-2.6, -1.6) as f32));
         ground.opacity_logits.push(rng.range(-1.0, 3.0) as f32);
-        (0..9).for_each(|_| ground.sh.push([0; 3].map(|_| rng.range(-0.4, 0.6) as f32)));
+        (0..(sh_degree + 1).pow(2)).for_each(|_| ground.sh.push([0; 3].map(|_| rng.range(-0.4, 0.6) as f32)));
     }
     out.background = ground;
-    if posed == 0 {
+    if posed == Posed::Nothing {
         let Gaussians { sh_degree, .. } = out.templates;
         out.templates = Gaussians { sh_degree, ..Gaussians::default() };
         (out.own, out.offsets) = (out.templates.clone(), Default::default());
         (out.instances, out.own_ranges, out.template_ranges) = Default::default();
         out.color_from_template.clear();
         out.fitted_levels.clear();
+    }
+    if let Posed::Instances { odd } = posed
+        && (out.templates.len() + out.own.len()) % 2 != usize::from(odd)
+    {
+        // A Gaussian that no template has.
+        let last = out.templates.range(SourceRange { first: 0, count: 1 });
+        out.templates.append(&last);
     }
     out.groups.clear();
     out.validate().unwrap();
@@ -59,50 +79,69 @@ fn rows_of(paged: &PagedBackground, scene: &PagedScene, page: u32) -> Gaussians 
 #[test]
 fn pictures_are_those_of_one_piece_whatever_was_there_before() {
     let Some(gpu) = gpu() else { return };
-    let mut renderer = Renderer::new(&gpu).unwrap();
+    let (even, odd) = (Posed::Instances { odd: false }, Posed::Instances { odd: true });
     let mut evicted = 0;
-    for (seed, posed, precision) in [
-        (1, 1, DevicePrecision::F32),
-        (2, 1, DevicePrecision::F16),
-        (3, 0, DevicePrecision::F16),
-        (4, 1, DevicePrecision::Q8),
+    for (seed, posed, sh_degree, precision) in [
+        (1, even, 2, DevicePrecision::F32),
+        (2, odd, 3, DevicePrecision::F16),
+        (3, Posed::Nothing, 1, DevicePrecision::F16),
+        (4, odd, 0, DevicePrecision::Q8),
     ] {
-        let scene = scene(seed, posed);
-        let paged = PagedBackground::of(&scene.background);
-        let chunk = renderer.variant().workgroup_size;
-        let standing = InstancedScene { background: paged.stand_ins.clone(), ..scene.clone() };
-        let options = RenderOptions { device_precision: precision, lod_error_px: 2.0, ..RenderOptions::default() };
-        let whole = renderer.upload_for(&scene, &options).unwrap();
-        let slots = 3;
-        let mut in_pages = PagedScene::new(&gpu, &standing, paged.table.clone(), slots, chunk, precision).unwrap();
-        assert!(in_pages.pages().len() > slots as usize, "{}", in_pages.pages().len());
-        assert_eq!(in_pages.device().expanded_len, whole.expanded_len);
-        let mut complete = 0;
-        for (k, camera) in cameras().iter().enumerate() {
-            for lod_error_px in [30.0, 8.0, 4.0] {
-                let options = RenderOptions { lod_error_px, ..options };
-                let view = in_pages.in_view(camera, &options);
-                for &page in &view.missing {
-                    assert!(in_pages.place(page, &rows_of(&paged, &in_pages, page)).unwrap());
-                    evicted += 1;
-                }
-                assert!(in_pages.in_view(camera, &options).missing.is_empty());
-                renderer.render(&whole, camera, &options).unwrap();
-                let want = renderer.download().unwrap();
-                renderer.render(in_pages.device(), camera, &options).unwrap();
-                let got = renderer.download().unwrap();
-                if view.without_room == 0 {
-                    complete += 1;
-                    assert!(got == want, "seed {seed}, camera {k}, {lod_error_px} px");
-                } else {
-                    assert!(got != want, "seed {seed}, camera {k}: what has no room is coarser");
-                }
-            }
-        }
-        assert!(complete > 5 && complete < 21, "seed {seed}: {complete} of 21 views had room");
+        evicted += compare(&gpu, &scene(seed, posed, sh_degree), precision);
     }
     assert!(evicted > 20, "{evicted} pages came");
+    // Arrays that are larger than a binding.
+    let small = with_bindings_of(&gpu, 1 << 20);
+    for precision in [DevicePrecision::F32, DevicePrecision::F16] {
+        compare(&small, &scene(7, odd, 3), precision);
+    }
     assert_silent(&gpu);
+    assert_silent(&small);
+}
+
+/// Compares pictures of a scene with levels in one piece, and in pages of which three have room. Returns the number of pages that
+/// came.
+fn compare(gpu: &Arc<Gpu>, scene: &InstancedScene, precision: DevicePrecision) -> usize {
+    let mut renderer = Renderer::new(gpu).unwrap();
+    let paged = PagedBackground::of(&scene.background);
+    let chunk = renderer.variant().workgroup_size;
+    let standing = InstancedScene { background: paged.stand_ins.clone(), ..scene.clone() };
+    let options = RenderOptions { device_precision: precision, lod_error_px: 2.0, ..RenderOptions::default() };
+    let mut whole = renderer.upload_for(scene, &options).unwrap();
+    let slots = 3;
+    let mut in_pages = PagedScene::new(gpu, &standing, paged.table.clone(), slots, chunk, precision).unwrap();
+    assert!(in_pages.pages().len() > slots as usize, "{}", in_pages.pages().len());
+    assert_eq!(in_pages.device().expanded_len, whole.expanded_len);
+    let (mut complete, mut came) = (0, 0);
+    for (k, camera) in cameras().iter().enumerate() {
+        // Some instance is hidden, with all its levels.
+        if let Some(hidden) = k.checked_rem(scene.instances.len()) {
+            let shown: Vec<_> = (0..scene.instances.len()).map(|k| (k, k != hidden)).collect();
+            whole.show_instances(&shown).unwrap();
+            in_pages.device_mut().show_instances(&shown).unwrap();
+        }
+        for lod_error_px in [30.0, 8.0, 4.0] {
+            let options = RenderOptions { lod_error_px, ..options };
+            let view = in_pages.in_view(camera, &options);
+            for &page in &view.missing {
+                assert!(in_pages.place(page, &rows_of(&paged, &in_pages, page)).unwrap());
+                came += 1;
+            }
+            assert!(in_pages.in_view(camera, &options).missing.is_empty());
+            renderer.render(&whole, camera, &options).unwrap();
+            let want = renderer.download().unwrap();
+            renderer.render(in_pages.device(), camera, &options).unwrap();
+            let got = renderer.download().unwrap();
+            if view.without_room == 0 {
+                complete += 1;
+                assert!(got == want, "camera {k}, {lod_error_px} px");
+            } else {
+                assert!(got != want, "camera {k}: what has no room is coarser");
+            }
+        }
+    }
+    assert!(complete > 5 && complete < 21, "{complete} of 21 views had room");
+    came
 }
 
 /// With room for everything, an error of 0 is full quality; before any page came, nothing is a hole.
@@ -110,7 +149,7 @@ fn pictures_are_those_of_one_piece_whatever_was_there_before() {
 fn stand_ins_leave_no_hole_and_all_pages_are_full_quality() {
     let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(&gpu).unwrap();
-    let scene = scene(5, 1);
+    let scene = scene(5, Posed::Instances { odd: false }, 2);
     let paged = PagedBackground::of(&scene.background);
     let (chunk, precision) = (renderer.variant().workgroup_size, DevicePrecision::F32);
     let standing = InstancedScene { background: paged.stand_ins.clone(), ..scene.clone() };
@@ -150,7 +189,7 @@ fn pages_that_do_not_fit_are_refused() {
     let scene = InstancedScene {
         template_ranges: vec![SourceRange { first: 0, count: 1 }],
         instances: vec![Instance { template: 0, world_from_template: Similarity::IDENTITY, first_offset: None }],
-        ..scene(6, 0)
+        ..scene(6, Posed::Nothing, 2)
     };
     let paged = PagedBackground::of(&scene.background);
     let mut templates = Gaussians { sh_degree: 1, ..Gaussians::default() };

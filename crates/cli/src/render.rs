@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Args;
 
 use super::picture_files::{self, Format};
-use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, create_folder};
+use instgs_console::args::{HostMemoryArgs, LodArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, create_folder};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::opened::{FollowError, OpenedScene};
 use instgs_console::{CliError, Printer, failed_to_render};
@@ -40,6 +40,8 @@ pub(super) struct RenderArgs {
     look: LookArgs,
     #[command(flatten)]
     memory: MemoryArgs,
+    #[command(flatten)]
+    host_memory: HostMemoryArgs,
     #[command(flatten)]
     lod: LodArgs,
     #[command(flatten)]
@@ -77,9 +79,7 @@ struct RenderedFrame {
 }
 
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let gpu = device::open(device_args.choice())?;
-    args.memory.limit(&gpu);
-    let memory = args.memory.of_scenes();
+    let memory = args.host_memory.of_scenes();
     let opened = OpenedScene::open(&args.scene, memory)?;
     for what in opened.warnings(memory) {
         printer.warning(format_args!("{}: {what}", args.scene.display()));
@@ -88,6 +88,8 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
     let cameras = args.views.cameras(opened.scene(), options.near, printer)?;
     let names = picture_files::names(&cameras)?;
     create_folder(&args.out)?;
+    let gpu = device::open(device_args.choice())?;
+    args.memory.limit(&gpu);
     let place = args.scene.display();
     let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
     let (dropped_non_finite, is_empty) = (opened.dropped_non_finite(), opened.scene().expanded_len() == 0);

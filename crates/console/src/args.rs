@@ -200,18 +200,9 @@ pub struct MemoryArgs {
     /// most of it stays in host memory, with the same result [default: what the device has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     device_memory_mb: Option<u32>,
-    /// Host memory to read the scene with, MiB; of a scene with pages (export --pages) that needs more, only what views want is
-    /// read [default: what is available]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
-    host_memory_mb: Option<u32>,
 }
 
 impl MemoryArgs {
-    /// The memory for scenes.
-    pub fn of_scenes(&self) -> SceneMemory {
-        SceneMemory { host_bytes: self.host_memory_mb.map(|mib| u64::from(mib) << 20) }
-    }
-
     /// Bytes of device memory to draw with; `u64::MAX` = what the device has.
     pub fn budget(&self) -> u64 {
         self.device_memory_mb.map_or(u64::MAX, |mib| u64::from(mib) << 20)
@@ -225,6 +216,22 @@ impl MemoryArgs {
     /// The render options with frames divided, and scenes on the host, where memory, or the budget, is too small.
     pub fn apply(&self, options: RenderOptions) -> RenderOptions {
         RenderOptions { divide_for_memory: true, ..options }
+    }
+}
+
+/// The flag for the budget of host memory, for commands that can draw a scene in pages.
+#[derive(Args)]
+pub struct HostMemoryArgs {
+    /// Host memory to read the scene with, MiB; of a scene with pages (export --pages) that needs more, only what views want is
+    /// read [default: what is available]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    host_memory_mb: Option<u32>,
+}
+
+impl HostMemoryArgs {
+    /// The memory for scenes.
+    pub fn of_scenes(&self) -> SceneMemory {
+        SceneMemory { host_bytes: self.host_memory_mb.map(|mib| u64::from(mib) << 20) }
     }
 }
 

@@ -70,9 +70,12 @@ impl OpenedScene {
     /// # Errors
     /// The file cannot be read, or is damaged.
     pub fn open(path: &Path, memory: SceneMemory) -> Result<Self, IoError> {
-        match PagedFile::open(path)?.filter(|file| !memory.is_enough(&file.scene, file.source_len())) {
-            Some(file) => Ok(Self::InPages(Box::new(file))),
-            None => Ok(Self::Whole(Box::new(load_scene_to_draw(path)?))),
+        let whole = || load_scene_to_draw(path).map(|loaded| Self::Whole(Box::new(loaded)));
+        match PagedFile::open(path) {
+            Ok(Some(file)) if !memory.is_enough(&file.scene, file.source_len()) => Ok(Self::InPages(Box::new(file))),
+            Ok(_) => whole(),
+            // What is wrong with pages does not matter where the scene can be read without them.
+            Err(of_pages) => whole().map_err(|_| of_pages),
         }
     }
 
@@ -139,14 +142,14 @@ impl OpenedScene {
 }
 
 impl SceneMemory {
-    /// True if it is enough for all of a scene of so many stored Gaussians.
+    /// True if it is enough for all of a scene with this number of stored Gaussians.
     fn is_enough(self, scene: &InstancedScene, gaussians: u64) -> bool {
         let available = self.host_bytes.or_else(host_memory::available_bytes).unwrap_or(u64::MAX);
         needed_on_host(scene, gaussians) <= available
     }
 }
 
-/// Bytes that reading a scene of so many stored Gaussians takes.
+/// Bytes that reading a scene with this number of stored Gaussians takes.
 fn needed_on_host(scene: &InstancedScene, gaussians: u64) -> u64 {
     let of_numbers = gaussians.saturating_mul(row_bytes(scene.sh_degree(), DevicePrecision::F32));
     HOST_COPIES.saturating_mul(of_numbers.saturating_add(scene.offsets.tensor_bytes()))
@@ -184,6 +187,22 @@ impl DrawnScene {
         }
     }
 
+    /// Number of stored Gaussians of the background of `scene`, which is what is in host memory of this one.
+    pub fn background_len(&self, scene: &InstancedScene) -> u64 {
+        match self {
+            Self::Whole(_) => scene.background.len() as u64,
+            Self::InPages(view) => view.background,
+        }
+    }
+
+    /// What was wrong with a page that [`DrawnScene::follow_ahead`] has left out since the last call.
+    pub fn take_problem(&mut self) -> Option<String> {
+        match self {
+            Self::Whole(_) => None,
+            Self::InPages(view) => view.problem.take(),
+        }
+    }
+
     /// The scene in device memory.
     pub fn device(&self) -> &DeviceScene {
         match self {
@@ -213,11 +232,17 @@ impl DrawnScene {
 pub struct PagedView {
     scene: PagedScene,
     path: PathBuf,
+    /// Number of stored Gaussians of the background.
+    background: u64,
     /// To the thread, which ends with it.
     asks: Sender<(u32, Page)>,
     read: Receiver<(u32, Result<Gaussians, IoError>)>,
     /// Pages that were asked for and have not come.
     asked: BTreeSet<u32>,
+    /// Pages that cannot be read or are damaged: their stand-ins stay.
+    unreadable: BTreeSet<u32>,
+    /// What was wrong with the last of them, until it has been shown.
+    problem: Option<String>,
 }
 
 impl PagedView {
@@ -232,9 +257,10 @@ impl PagedView {
         options: &RenderOptions,
     ) -> Result<(Self, InstancedScene), FollowError> {
         let (scene, table) = (std::mem::take(&mut file.scene), std::mem::take(&mut file.table));
+        let background = table.rows()[0];
         let bytes = PagedBytes::of(&scene, &table, options.device_precision);
         let budget = (PART_FOR_PAGES * gpu.memory_budget() as f64) as u64;
-        let slots = bytes.slots(budget).ok_or(FollowError::NoRoom {
+        let slots = bytes.slots(budget, gpu.caps().max_buffer_bytes).ok_or(FollowError::NoRoom {
             needed_mib: (bytes.standing + 2 * bytes.slot).div_ceil(1 << 20),
             budget_mib: budget >> 20,
         })?;
@@ -249,7 +275,8 @@ impl PagedView {
                 }
             }
         });
-        Ok((Self { scene: on_device, path, asks, read, asked: BTreeSet::new() }, scene))
+        let (asked, unreadable, problem) = Default::default();
+        Ok((Self { scene: on_device, path, background, asks, read, asked, unreadable, problem }, scene))
     }
 
     fn follow(&mut self, camera: &Camera, options: &RenderOptions) -> Result<PagesInView, FollowError> {
@@ -266,10 +293,19 @@ impl PagedView {
 
     fn follow_ahead(&mut self, camera: &Camera, options: &RenderOptions) -> Result<PagesInView, FollowError> {
         self.scene.in_view(camera, options);
-        while let Ok(page) = self.read.try_recv() {
-            self.take(page)?;
+        while let Ok((page, rows)) = self.read.try_recv() {
+            match self.take((page, rows)) {
+                // The device, not the file.
+                Err(error @ FollowError::Render(RenderError::Gpu(_))) => return Err(error),
+                Err(error) => {
+                    self.unreadable.insert(page);
+                    self.problem = Some(format!("{}: {error}", self.path.display()));
+                }
+                Ok(()) => {}
+            }
         }
-        let view = self.scene.in_view(camera, options);
+        let mut view = self.scene.in_view(camera, options);
+        view.missing.retain(|page| !self.unreadable.contains(page));
         for &page in &view.missing {
             if self.asked.len() < ASKED_AT_ONCE {
                 self.ask(page);

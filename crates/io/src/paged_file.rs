@@ -68,11 +68,12 @@ impl PagedFile {
             return Ok(None);
         }
         let fail = |e: std::io::Error| IoError::os(path, "cannot read", &e);
-        let mut file = File::open(path).map_err(fail)?;
-        let kind = file.metadata().map_err(fail)?;
+        // Opening a pipe might never end.
+        let kind = std::fs::metadata(path).map_err(fail)?;
         if !kind.is_file() {
             return Ok(None);
         }
+        let mut file = File::open(path).map_err(fail)?;
         let mut header = vec![0; LENGTH_BYTES as usize];
         if kind.len() < LENGTH_BYTES {
             return Ok(None);
@@ -92,8 +93,9 @@ impl PagedFile {
         }
         let data = LENGTH_BYTES + length;
         let end = tensors.values().map(|info| info.data_offsets.1 as u64).max().unwrap_or(0);
-        if kind.len() != data + end {
-            let what = format!("has {} bytes, and its tensors end at {}", kind.len(), data + end);
+        let end = data.saturating_add(end);
+        if kind.len() != end {
+            let what = format!("has {} bytes, and its tensors end at {end}", kind.len());
             return Err(IoError::damaged(path, what));
         }
         let (full, fine) =
@@ -307,6 +309,7 @@ mod tests {
             ("page.levels", "page.levelz", "level_cells"),
             ("page_fine.sh", "page_fine.hs", "page_fine.sh"),
             ("background.means", "background.snaem", "background.means"),
+            ("page.level_cells", "page.level_coded", "page.level_coded"),
         ] {
             let mut bytes = good.clone();
             let at = bytes.windows(from.len()).position(|w| w == from.as_bytes()).ok_or("not there")?;

@@ -17,6 +17,9 @@ pub(crate) const LEVEL_CELLS: &str = "page.level_cells";
 /// Balls of each 256 Gaussians of the levels, `f32[_, 5]`.
 pub(crate) const LEVEL_CHUNKS: &str = "page.level_chunks";
 
+/// All tensors of the table.
+pub(crate) const TABLE: [&str; 6] = [BLOCK_COUNTS, BLOCK_BALLS, BLOCK_CHUNKS, LEVELS, LEVEL_CELLS, LEVEL_CHUNKS];
+
 /// True for the name of a tensor that belongs to pages.
 pub(crate) fn is_of_pages(tensor: &str) -> bool {
     let group = tensor.split_once('.').map(|(group, _)| group);

@@ -139,6 +139,10 @@ pub(crate) fn scene_of(
 /// The table of a background in pages, from the tensors whose names begin with `page.`; `path` is only used in messages.
 pub(crate) fn page_table_of(left: BTreeMap<String, TensorView<'_>>, path: &Path) -> Result<PageTable, IoError> {
     let mut reader = Reader { path, left, classes: BTreeMap::new() };
+    // Coded forms, which could claim any number of rows, are none of them.
+    if let Some(other) = reader.left.keys().find(|name| !pages::TABLE.contains(&name.as_str())) {
+        return Err(reader.error(other, "is no tensor of a table of pages"));
+    }
     let block_counts = reader.u32s(pages::BLOCK_COUNTS, &[])?;
     let levels = reader.u32s(pages::LEVELS, &[3])?;
     let levels: &[[u32; 3]] = levels.as_chunks().0;

@@ -49,6 +49,12 @@ pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) 
 /// # Errors
 /// The scene is inconsistent, `pack` is [`Pack::Small`], whose rows cannot be read one by one, or the file cannot be written.
 pub fn write_scene_file_in_pages(path: &Path, scene: &InstancedScene, pack: Pack) -> Result<(), IoError> {
+    let bytes = paged_scene_file_bytes(scene, pack, path)?;
+    atomic_write(path, |out| out.write_all(&bytes))
+}
+
+/// The bytes that [`write_scene_file_in_pages`] writes.
+pub fn paged_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) -> Result<Vec<u8>, IoError> {
     if pack == Pack::Small {
         return Err(IoError::new(path, "cannot have pages: small files are coded as a whole").advise("use --pack f16"));
     }
@@ -56,8 +62,7 @@ pub fn write_scene_file_in_pages(path: &Path, scene: &InstancedScene, pack: Pack
     let mut scene = InstancedScene { background: full, ..scene.clone() };
     // They may be parallel to the background, whose order is another one now.
     scene.foreign_tensors.retain(|name, _| !name.starts_with("background."));
-    let bytes = file_bytes(&scene, pack, Extra::Pages { fine: &fine, stand_ins: &stand_ins, table: &table }, path)?;
-    atomic_write(path, |out| out.write_all(&bytes))
+    file_bytes(&scene, pack, Extra::Pages { fine: &fine, stand_ins: &stand_ins, table: &table }, path)
 }
 
 /// Writes an `.instgs` file packed as [`Pack::Small`], with the precision that the scene's pictures need.

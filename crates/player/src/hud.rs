@@ -50,6 +50,8 @@ pub(super) struct Facts<'a> {
     pub(super) stats: &'a FrameStats,
     pub(super) pixel_times: PixelTimes,
     pub(super) scene: &'a InstancedScene,
+    /// Number of Gaussians of the background: in pages, `scene` has stand-ins instead.
+    pub(super) background_len: u64,
     pub(super) editor: &'a Editor,
     /// Size of the scene's file; memory of the device in total, and for the scene; bytes.
     pub(super) file_bytes: u64,

@@ -13,7 +13,9 @@ use crate::swapchain::PresentMode;
 use crate::views::View;
 use crate::window::{self, WindowJob};
 use crate::{PlayerError, SceneViewer, ViewerOptions};
-use instgs_console::args::{LodArgs, LookArgs, MemoryArgs, PrecisionArgs, Triple, parse_size, parse_up};
+use instgs_console::args::{
+    HostMemoryArgs, LodArgs, LookArgs, MemoryArgs, PrecisionArgs, Triple, parse_size, parse_up,
+};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::opened::OpenedScene;
 use instgs_console::table::grouped;
@@ -95,6 +97,8 @@ struct PlayerArgs {
     precision: PrecisionArgs,
     #[command(flatten)]
     memory: MemoryArgs,
+    #[command(flatten)]
+    host_memory: HostMemoryArgs,
     #[command(flatten)]
     device: DeviceArgs,
 }
@@ -214,7 +218,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
         return headless(args, &cameras, printer);
     }
     // Frames that are timed begin with the scene; a window reads it beside its first frames and displays errors.
-    let opened = args.frames.map(|_| OpenedScene::open(&args.scene, args.memory.of_scenes())).transpose()?;
+    let opened = args.frames.map(|_| OpenedScene::open(&args.scene, args.host_memory.of_scenes())).transpose()?;
     let counts = opened.as_ref().map_or([0; 2], OpenedScene::counts);
     let boxes = args.boxes.as_ref().map(|path| read_boxes(path).map(|boxes| (path.clone(), boxes))).transpose()?;
     let script = script(args.script.as_deref())?;
@@ -285,7 +289,7 @@ fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]
         },
         device: args.device.choice(),
         memory_budget_bytes: args.memory.budget(),
-        memory: args.memory.of_scenes(),
+        memory: args.host_memory.of_scenes(),
         validation: device::validation(),
         frames: args.frames,
         path_cameras,
@@ -297,7 +301,7 @@ fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]
 }
 
 fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
-    let opened = OpenedScene::open(&args.scene, args.memory.of_scenes())?;
+    let opened = OpenedScene::open(&args.scene, args.host_memory.of_scenes())?;
     let (options, counts) = (viewer_options(args, opened.scene())?, opened.counts());
     let gpu = device::open(args.device.choice())?;
     args.memory.limit(&gpu);

@@ -216,6 +216,11 @@ impl SceneViewer {
         &self.scene
     }
 
+    /// Number of stored Gaussians of the background, wherever they are.
+    pub fn background_len(&self) -> u64 {
+        self.on_device.background_len(&self.scene)
+    }
+
     /// Memory of the scene on the device, bytes.
     pub fn device_bytes(&self) -> u64 {
         self.on_device.device().bytes() - self.on_device.device().host_bytes()
@@ -237,6 +242,28 @@ impl SceneViewer {
         self.note(Arrived::Complete(stats));
         self.camera = Some(camera.clone());
         Ok(())
+    }
+
+    /// The same as [`SceneViewer::draw`], for pictures that are kept: waits for all pages that there is room for.
+    ///
+    /// # Errors
+    /// The errors of [`SceneViewer::draw`].
+    pub fn draw_complete(&mut self, camera: &Camera) -> Result<(), PlayerError> {
+        let waits = std::mem::replace(&mut self.waits_for_pages, true);
+        let drawn = self.draw(camera);
+        self.waits_for_pages = waits;
+        drawn
+    }
+
+    /// Draws the last frame again if it lacks pages.
+    ///
+    /// # Errors
+    /// The errors of [`SceneViewer::draw`].
+    pub fn complete(&mut self) -> Result<(), PlayerError> {
+        match self.camera.clone().filter(|_| self.awaits_pages) {
+            Some(camera) => self.draw_complete(&camera),
+            None => Ok(()),
+        }
     }
 
     fn render(&mut self, camera: &Camera) -> Result<FrameStats, PlayerError> {
@@ -316,7 +343,7 @@ impl SceneViewer {
     /// Like [`SceneViewer::draw_ahead`]. If the device runs out of memory, falls back to a view that needs less, and returns
     /// a notice that says which and why.
     pub fn draw_what_fits(&mut self, camera: &Camera) -> Result<Option<String>, PlayerError> {
-        let mut words = None;
+        let mut words = self.on_device.take_problem();
         loop {
             match self.draw_ahead(camera) {
                 Err(error) if error.is_out_of_memory() => match self.ask_for_less()? {
@@ -331,7 +358,8 @@ impl SceneViewer {
     /// Gives up the next thing that takes memory besides the scene itself and returns a notice; `None` if nothing is
     /// left to give up.
     fn ask_for_less(&mut self) -> Result<Option<&'static str>, PlayerError> {
-        if self.options.render.lod_error_px > 0.0 {
+        // A scene in pages has its levels in any case.
+        if self.options.render.lod_error_px > 0.0 && !self.is_in_pages() {
             self.options.render.lod_error_px = 0.0;
             self.upload()?;
             return Ok(Some(texts::NO_LEVELS));

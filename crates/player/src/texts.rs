@@ -100,12 +100,12 @@ pub(super) fn template(number: u32) -> String {
     format!("template {number}")
 }
 
-/// The number of Gaussians that belong to no instance.
 /// Why a scene in pages cannot be edited or saved.
 pub(super) const IN_PAGES: &str = "most of this scene is in its file, since memory is short: it can be looked at, and edited where all of it has room";
 /// The file of a scene in pages was replaced by another one.
 pub(super) const NO_PAGES: &str = "has no pages any more";
 
+/// The number of Gaussians that belong to no instance.
 pub(super) fn background_gaussians(count: &str) -> String {
     format!("{BACKGROUND}: {count} Gaussians")
 }

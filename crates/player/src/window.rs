@@ -385,6 +385,7 @@ impl Live {
                 stats: &self.pacing.stats,
                 pixel_times: self.pacing.pixel_times,
                 scene: self.session.viewer.scene(),
+                background_len: self.session.viewer.background_len(),
                 editor: self.session.viewer.editor(),
                 file_bytes: self.session.file_bytes,
                 device_bytes: [self.session.gpu.memory_usage().0, self.session.viewer.device_bytes()],

@@ -33,7 +33,7 @@ pub struct PagedBackground {
 /// A ball of [`Bound`] in f32: centre, radius, largest standard deviation.
 pub type Ball = [f32; 5];
 
-/// What is known of a background without its Gaussians.
+/// What is known of a background without its Gaussians: where they are, and how far they reach.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PageTable {
     /// Gaussians of each block at full detail.
@@ -183,7 +183,7 @@ impl PageTable {
         let fail = |field, reason: String| Err(PageTableError { field, reason });
         let blocks = self.block_counts.len();
         if let Some(b) = self.block_counts.iter().position(|&count| count == 0 || count as usize > MOST) {
-            return fail("blocks", format!("block {b} has {} Gaussians, not 1 to {MOST}", self.block_counts[b]));
+            return fail("block_counts", format!("block {b} has {} Gaussians, not 1 to {MOST}", self.block_counts[b]));
         }
         let mut next = 0;
         for (l, level) in self.levels.iter().enumerate() {
@@ -228,7 +228,9 @@ impl PageTable {
             }
         }
         match self.rows().into_iter().sum::<u64>() {
-            rows if rows >= u64::from(u32::MAX) => fail("blocks", format!("{rows} Gaussians are more than 2^32 - 2")),
+            rows if rows >= u64::from(u32::MAX) => {
+                fail("block_counts", format!("{rows} Gaussians are more than 2^32 - 2"))
+            }
             _ => Ok(()),
         }
     }
@@ -301,8 +303,8 @@ mod tests {
             table.check().map_err(|error| error.field)
         };
         assert_eq!(broken(|_| ()), Ok(()));
-        assert_eq!(broken(|t| t.block_counts[1] = 0), Err("blocks"));
-        assert_eq!(broken(|t| t.block_counts[1] = 513), Err("blocks"));
+        assert_eq!(broken(|t| t.block_counts[1] = 0), Err("block_counts"));
+        assert_eq!(broken(|t| t.block_counts[1] = 513), Err("block_counts"));
         assert_eq!(broken(|t| t.levels[0].block = 1), Err("levels"));
         assert_eq!(broken(|t| t.levels.iter_mut().for_each(|l| l.stands_in = false)), Err("levels"));
         assert_eq!(

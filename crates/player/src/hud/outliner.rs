@@ -51,10 +51,18 @@ pub(in crate::hud) fn template_name(scene: &InstancedScene, template: u32) -> St
 impl Outliner {
     /// Lays out the list.
     pub(super) fn lay_out(&mut self, ui: &mut Ui, facts: &Facts<'_>, actions: &mut Vec<Action>) {
-        self.contents(ui, facts.scene, facts.editor, actions);
+        let Facts { scene, editor, background_len, .. } = *facts;
+        self.contents(ui, scene, background_len, editor, actions);
     }
 
-    fn contents(&mut self, ui: &mut Ui, scene: &InstancedScene, editor: &Editor, actions: &mut Vec<Action>) {
+    fn contents(
+        &mut self,
+        ui: &mut Ui,
+        scene: &InstancedScene,
+        background_len: u64,
+        editor: &Editor,
+        actions: &mut Vec<Action>,
+    ) {
         ui.set_min_width(WIDTH);
         let count = scene.instances.len();
         if count == 0 {
@@ -87,7 +95,7 @@ impl Outliner {
             });
         }
         ui.separator();
-        let background = grouped(scene.background.len() as u64);
+        let background = grouped(background_len);
         ui.label(texts::background_gaussians(&background));
     }
 
@@ -285,7 +293,7 @@ mod tests {
                 }
                 let start = std::time::Instant::now();
                 let output = ctx.run(egui::RawInput::default(), |ctx| {
-                    egui::Window::new("list").show(ctx, |ui| list.contents(ui, &scene, &editor, &mut Vec::new()));
+                    egui::Window::new("list").show(ctx, |ui| list.contents(ui, &scene, 0, &editor, &mut Vec::new()));
                 });
                 assert!(!output.shapes.is_empty());
                 times.push(1e3 * start.elapsed().as_secs_f64());

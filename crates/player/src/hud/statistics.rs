@@ -18,7 +18,9 @@ pub(super) fn lay_out(ui: &mut Ui, facts: &Facts<'_>) {
     }
     graph(ui, &facts.clock.times_ms().collect::<Vec<f64>>());
     let (scene, stats) = (facts.scene, facts.stats);
-    let copies = scene.expanded_len();
+    // In pages, the scene has stand-ins in place of its background.
+    let of_background = |count: u64| count - scene.background.len() as u64 + facts.background_len;
+    let copies = of_background(scene.expanded_len());
     let [device, of_scene] = facts.device_bytes;
     Grid::new("counts").num_columns(2).striped(true).show(ui, |ui| {
         let mut row = |name: &str, value: String| {
@@ -28,7 +30,7 @@ pub(super) fn lay_out(ui: &mut Ui, facts: &Facts<'_>) {
         };
         row(texts::INSTANCES, grouped(scene.instances.len() as u64));
         row(texts::TEMPLATES, grouped(scene.template_ranges.len() as u64));
-        row(texts::STORED, grouped(scene.source_len() as u64));
+        row(texts::STORED, grouped(of_background(scene.source_len() as u64)));
         row(texts::EXPANDED, grouped(copies));
         row(texts::DRAWN, grouped(stats.visible));
         row(texts::IN_TILES, grouped(stats.intersections));

@@ -49,6 +49,7 @@ impl Desk {
                     stats: &stats,
                     pixel_times: PixelTimes::default(),
                     scene,
+                    background_len: scene.background.len() as u64,
                     editor,
                     file_bytes: 4_800_000,
                     device_bytes: [512 << 20, 300 << 20],

@@ -180,6 +180,9 @@ impl Live {
 
     /// Draws a box around the object at a point in world coordinates.
     fn box_around(&mut self, place: glam::DVec3) {
+        if self.session.viewer.is_in_pages() {
+            return self.says(texts::IN_PAGES);
+        }
         let [_, _, up] = self.camera.navigator.level_axes();
         let cloud = &self.session.viewer.scene().background;
         let around = self.input.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));

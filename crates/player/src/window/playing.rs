@@ -92,7 +92,10 @@ impl Live {
                 }
             }
             Step::Boxes(path) => self.save_boxes(&path),
-            Step::Shot(path) => self.session.viewer.screenshot(&path)?,
+            Step::Shot(path) => {
+                self.session.viewer.complete()?;
+                self.session.viewer.screenshot(&path)?;
+            }
             Step::Counts(path) => self.session.write_counts(&path)?,
             Step::Lose => return Err(GpuError::DeviceLost { last_pass: "a script's lose".into() }.into()),
             Step::Drop(path) => {

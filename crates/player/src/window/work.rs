@@ -226,7 +226,7 @@ impl Live {
         if let Some(camera) = drawing.cameras.get(drawing.next).cloned() {
             let path =
                 drawing.single.clone().unwrap_or_else(|| drawing.folder.join(format!("{:05}.png", drawing.next)));
-            let drawn = self.session.viewer.draw(&camera).and_then(|()| self.session.viewer.screenshot(&path));
+            let drawn = self.session.viewer.draw_complete(&camera).and_then(|()| self.session.viewer.screenshot(&path));
             match drawn {
                 Err(error) if error.is_lost() => return Err(error),
                 Err(error) => {

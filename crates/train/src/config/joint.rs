@@ -35,7 +35,7 @@ pub struct JointConfig {
     pub final_factor: f64,
     /// Fraction of the steps after which the rates begin to decay, in 0..1.
     pub decay_start: f64,
-    /// Steps within which the same rates fall by the same factor besides, from the first step on; 0 = they do not.
+    /// Number of steps within which the same rates fall by the same factor besides, from the first step on; 0 = they do not.
     pub decay_steps: u64,
     /// Opacity below which Gaussians are removed at the end; 0 = none are removed.
     pub prune_opacity: f64,
@@ -124,7 +124,8 @@ impl TrainConfig {
         Self { method: Method::Gaussians, ..self.clone() }
     }
 
-    /// A plain cloud without a later phase: its rates end as those of the joint phase do.
+    /// A plain cloud without a later phase: its rates end as those of the joint phase do, but for `decay_steps`, which a phase as
+    /// short as those that are compared so hardly notices.
     pub fn cloud_alone(&self) -> Self {
         let mut config = self.cloud_phase();
         (config.rates.final_factor, config.rates.decay_start) = (self.joint.final_factor, self.joint.decay_start);

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use arbitrary::Unstructured;
-use instgs_io::Pack;
 use instgs_io::scene_file::parse_scene_file;
-use instgs_io::scene_write::scene_file_bytes;
+use instgs_io::scene_write::{paged_scene_file_bytes, scene_file_bytes};
+use instgs_io::{Pack, PagedFile};
 use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::InstancedScene;
 
 use crate::seeds::scenes as files;
 use crate::{Seed, SeedError, Target, must, path, properties, random_scene, repair, taken};
@@ -14,6 +15,7 @@ use crate::{Seed, SeedError, Target, must, path, properties, random_scene, repai
 pub(super) const TARGETS: &[Target] = &[
     Target { name: "instgs", seeds: plain_seeds, repair: Some(repair::safetensors), read: read_scene },
     Target { name: "instgs_packed", seeds: packed_seeds, repair: Some(repair::safetensors), read: read_scene },
+    Target { name: "instgs_pages", seeds: paged_seeds, repair: Some(repair::safetensors), read: read_pages },
     Target { name: "scene_values", seeds: value_seeds, repair: None, read: write_scene },
 ];
 
@@ -42,6 +44,28 @@ fn read_scene(bytes: &[u8], folder: &Path) -> bool {
             properties::scene(scene, folder);
         })
         .is_some()
+}
+
+fn paged_seeds() -> Result<Vec<Seed>, SeedError> {
+    let background = instgs_samples::sample(1, 700);
+    let scene = InstancedScene { background, ..files::scene() };
+    let bytes = |pack| paged_scene_file_bytes(&scene, pack, path());
+    Ok(vec![Seed::new("f32", bytes(Pack::F32)?), Seed::new("f16", bytes(Pack::F16)?)])
+}
+
+/// Opens a file with pages and reads all of them.
+fn read_pages(bytes: &[u8], folder: &Path) -> bool {
+    let path = folder.join("pages.instgs");
+    must(std::fs::write(&path, bytes), "the file cannot be written");
+    let Some(mut file) = taken(PagedFile::open(&path)).flatten() else { return false };
+    must(file.scene.validate(), "a scene that was opened is inconsistent");
+    must(file.table.check(), "a table that was opened is inconsistent");
+    for page in file.table.pages() {
+        let rows = must(file.read(&page), "a page cannot be read");
+        assert_eq!(rows.len(), page.rows() as usize);
+        assert!(rows.wrong_length().is_none());
+    }
+    true
 }
 
 fn value_seeds() -> Result<Vec<Seed>, SeedError> {
