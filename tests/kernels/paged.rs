@@ -91,7 +91,7 @@ fn pictures_are_those_of_one_piece_whatever_was_there_before() {
     }
     assert!(evicted > 20, "{evicted} pages came");
     // Arrays that are larger than a binding.
-    let small = with_bindings_of(&gpu, 1 << 20);
+    let small = with_bindings_of(&gpu, 2 << 20);
     for precision in [DevicePrecision::F32, DevicePrecision::F16] {
         compare(&small, &scene(7, odd, 3), precision);
     }
