@@ -64,6 +64,16 @@ fn pages_come_as_the_view_wants_them() {
     let mut ahead = SceneViewer::of_opened(&gpu, open(), options).unwrap();
     ahead.waits_for_pages = false;
     let first = picture(&mut ahead, 0.5);
+    // Pictures that are kept do not.
+    ahead.draw_complete(&camera(2.5)).unwrap();
+    let kept = ahead.rgb8().unwrap();
+    assert!(kept == picture(&mut whole, 2.5) && !ahead.waits_for_pages);
+    picture(&mut ahead, 4.5);
+    ahead.complete().unwrap();
+    assert!(ahead.rgb8().unwrap() == picture(&mut whole, 4.5) && !ahead.awaits_pages());
+    let mut ahead = SceneViewer::of_opened(&gpu, open(), options).unwrap();
+    ahead.waits_for_pages = false;
+    assert!(first == picture(&mut ahead, 0.5));
     let want = picture(&mut whole, 0.5);
     assert!(ahead.awaits_pages() && first != want);
     for _ in 0..10_000 {
@@ -110,5 +120,31 @@ fn what_needs_the_whole_scene_is_refused() {
     viewer.set_hidden(&[0], false).unwrap();
     viewer.draw(&camera(0.0)).unwrap();
     assert!(viewer.rgb8().unwrap() == before);
+    assert_silent(&gpu);
+}
+
+#[test]
+fn pages_that_cannot_be_read_are_left_out() {
+    let Some(gpu) = gpu() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.instgs");
+    write_scene_file_in_pages(&path, &scene(), Pack::F32).unwrap();
+    let opened = OpenedScene::open(&path, SceneMemory { host_bytes: Some(1) }).unwrap();
+    let mut viewer = SceneViewer::of_opened(&gpu, opened, ViewerOptions::default()).unwrap();
+    viewer.waits_for_pages = false;
+    // The file is cut short while it is open.
+    let file = std::fs::File::options().write(true).open(&path).unwrap();
+    file.set_len(20_000).unwrap();
+    let mut words = Vec::new();
+    for _ in 0..10_000 {
+        words.extend(viewer.draw_what_fits(&camera(0.5)).unwrap());
+        if !viewer.awaits_pages() {
+            break;
+        }
+        std::thread::yield_now();
+    }
+    words.extend(viewer.draw_what_fits(&camera(0.5)).unwrap());
+    assert!(!viewer.awaits_pages() && words.iter().any(|words| words.contains("cannot read")), "{words:?}");
+    assert!(viewer.draw_complete(&camera(0.5)).unwrap_err().to_string().contains("cannot read"));
     assert_silent(&gpu);
 }
