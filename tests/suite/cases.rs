@@ -517,6 +517,9 @@ fn pipes_are_refused_and_names_are_printed_plainly() {
     let made = std::process::Command::new("mkfifo").arg(case.at("pipe.ply")).status().unwrap();
     assert!(made.success());
     case.run("inspect pipe.ply").is_refused(&["pipe.ply", "no regular file"]);
+    // Its pages are looked for first.
+    fs::rename(case.at("pipe.ply"), case.at("pipe.instgs")).unwrap();
+    case.run("render --scene pipe.instgs --orbit 1 --out out").is_refused(&["pipe.instgs", "no regular file"]);
     case.run("inspect /dev/zero").is_refused(&["/dev/zero"]);
     let name = "a\u{1b}[31mred.ply";
     fs::write(case.at(name), "ply\nno").unwrap();

@@ -306,7 +306,7 @@ mod tests {
         assert!(message.contains("its tensors end at"), "{message}");
         // Another block of the name of a tensor, and of the type of another.
         for (from, to, part) in [
-            ("page.levels", "page.levelz", "level_cells"),
+            ("page.levels", "page.levelz", "page.levelz"),
             ("page_fine.sh", "page_fine.hs", "page_fine.sh"),
             ("background.means", "background.snaem", "background.means"),
             ("page.level_cells", "page.level_coded", "page.level_coded"),
