@@ -1,4 +1,4 @@
-//! Which page of a background is in which slot of device memory.
+//! Which page of a background is in which page slot of device memory; here a *slot* for short.
 
 /// Slots for pages, all of the same size.
 pub(super) struct PageSlots {

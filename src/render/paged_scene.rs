@@ -22,7 +22,7 @@ use super::packed_scene::PackedScene;
 use super::page_slots::PageSlots;
 use super::render_options::RenderOptions;
 
-/// Slots have a multiple of as many rows, so that they begin at whole words of packed arrays and chunks do not share lines.
+/// Page slots have a multiple of as many rows, so that they begin at whole words of packed arrays and chunks do not share lines.
 const SLOT_ROWS: u32 = 256;
 /// Reach of a splat in standard deviations, as in kernel `cull_instances`, with a margin for f32.
 const EXTENT_SIGMAS: f64 = 3.4;
@@ -39,9 +39,9 @@ pub struct PagedScene {
     /// By page, a ball around those of its blocks.
     balls: Vec<Ball>,
     slots: PageSlots,
-    /// Rows of a slot.
+    /// Rows of a page slot.
     slot_rows: u32,
-    /// Row of the background at which the first slot begins: the stand-ins are before it.
+    /// Row of the background at which the first page slot begins: the stand-ins are before it.
     first_slot: u32,
     /// Gaussians of templates and instances' own, which come before the background.
     posed: CloudSize,
@@ -86,7 +86,7 @@ struct Upload {
     last: Option<Ticket>,
 }
 
-/// Rows of a slot that holds any of the pages.
+/// Rows of a page slot that holds any of the pages.
 fn slot_rows(pages: &[Page]) -> u32 {
     pages.iter().map(Page::rows).max().unwrap_or(0).div_ceil(SLOT_ROWS).saturating_mul(SLOT_ROWS)
 }
@@ -228,8 +228,9 @@ impl PagedScene {
     }
 
     /// Gives the device a page: its Gaussians at full detail, then those of its finer levels, in the order of the table. The
-    /// frames that follow draw it; frames before keep what they began with. The page that was wanted longest ago makes room.
-    /// Returns false, without effect, if the last view wants the pages of all slots, or the page is in place.
+    /// frames that follow draw it; those that were submitted before keep what they began with. (A picture that is recorded and
+    /// submitted later would show rows of the new page for the old one's.) The page that was wanted longest ago makes room.
+    /// Returns false, without effect, if the last view wants the pages of all page slots, or the page is in place.
     ///
     /// # Errors
     /// The Gaussians are not those of the page in number or degree or are not finite, or a Vulkan call failed.
