@@ -14,6 +14,7 @@ pub mod forward;
 pub mod frame_buffers;
 mod frame_slot;
 pub mod frame_stats;
+mod frustum;
 pub mod gradients;
 pub mod image_frames;
 mod instance_table;

@@ -1,6 +1,6 @@
 //! A scene of which the device holds a part of the background: the pages that are in view, as many as a budget has room for.
 //!
-//! The background's stand-ins and all that instances show are always there. Before a frame, [`PagedScene::in_view`] says which
+//! The background's stand-ins and all that instances show are always there. Before a frame, [`PagedScene::in_view`] returns which
 //! pages its view lacks, those first whose stand-ins are coarsest on the screen. Whoever has them, from a file or a thread that
 //! reads it, gives them to [`PagedScene::place`]; until then the block's finest stand-in is drawn. With all pages of a view in
 //! place, the picture has the bytes of the scene with levels in one piece ([`DeviceScene::with_levels`]), as flat order, by
@@ -18,16 +18,13 @@ use crate::scene::{Camera, DevicePrecision, Gaussians, InstancedScene, Parameter
 
 use super::device_scene::{DeviceScene, widest_row_bytes};
 use super::error::RenderError;
+use super::frustum::Frustum;
 use super::packed_scene::PackedScene;
 use super::page_slots::PageSlots;
 use super::render_options::RenderOptions;
 
-/// Page slots have a multiple of as many rows, so that they begin at whole words of packed arrays and chunks do not share lines.
+/// Page slots have a multiple of this number of rows, so that they begin at whole words of packed arrays and chunks do not share lines.
 const SLOT_ROWS: u32 = 256;
-/// Reach of a splat in standard deviations, as in kernel `cull_instances`, with a margin for f32.
-const EXTENT_SIGMAS: f64 = 3.4;
-/// The Jacobian is clamped where directions are further from the axis than this times the border of the picture.
-const CLAMPED_BEYOND: f64 = 1.4;
 /// Levels fade over a quarter of an octave (`lod.glsl`); with a margin for f32.
 const FADE: f64 = 0.84;
 
@@ -53,18 +50,18 @@ pub struct PagedScene {
 /// The pages that a view wants.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PagesInView {
-    /// Those of them that are not in place and have room, the most important first.
+    /// The wanted pages that are not in place and have room; the one whose stand-ins are coarsest on the screen first.
     pub missing: Vec<u32>,
-    /// Number of those without room: their stand-ins are drawn.
+    /// Number of wanted pages without room: their stand-ins are drawn.
     pub without_room: usize,
 }
 
-/// How much a paged scene takes.
+/// How many bytes and rows of device memory a paged scene takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PagedBytes {
     /// What is always there, but for the tables of rows and chunks: stand-ins, and what instances show.
     pub standing: u64,
-    /// A page slot.
+    /// Device memory of one page slot.
     pub slot: u64,
     /// Rows of a page slot.
     pub slot_rows: u64,
@@ -386,73 +383,4 @@ fn ball_around(balls: &[Ball]) -> Ball {
     let radius = balls.iter().map(reach).fold(0.0, f64::max) * 1.000_001;
     let sigma_max = balls.iter().fold(0.0, |most, ball| ball[4].max(most));
     [middle.x, middle.y, middle.z, radius as f32, sigma_max]
-}
-
-/// A view, for tests of balls on the host that keep whatever `cull_instances` keeps.
-struct Frustum {
-    view_from_world: [[f64; 4]; 3],
-    near: f64,
-    focal_px: f64,
-    /// Inner normals of the borders of the picture, each times a length, and what is added for each unit of a standard deviation.
-    borders: [(DVec3, f64); 4],
-}
-
-impl Frustum {
-    fn of(camera: &Camera, options: &RenderOptions) -> Self {
-        let border = 1.0 + EXTENT_SIGMAS * f64::from(options.dilation_px2).sqrt();
-        let side = |focal: f64, principal: f64, size: u32| {
-            let size = f64::from(size);
-            let limit = CLAMPED_BEYOND * principal.max(size - principal).abs() / focal;
-            (EXTENT_SIGMAS * focal * (1.0 + limit * limit).sqrt(), principal + border, size - principal + border)
-        };
-        let ((of_x, left, right), (of_y, top, bottom)) =
-            (side(camera.fx, camera.cx, camera.width), side(camera.fy, camera.cy, camera.height));
-        let m = &camera.view_from_world;
-        Self {
-            view_from_world: [m[0], m[1], m[2]],
-            near: options.near.into(),
-            focal_px: camera.fx.max(camera.fy),
-            borders: [
-                (DVec3::new(camera.fx, 0.0, left), of_x),
-                (DVec3::new(-camera.fx, 0.0, right), of_x),
-                (DVec3::new(0.0, camera.fy, top), of_y),
-                (DVec3::new(0.0, -camera.fy, bottom), of_y),
-            ],
-        }
-    }
-
-    fn in_view(&self, ball: &Ball) -> DVec3 {
-        let [x, y, z] = [ball[0], ball[1], ball[2]].map(f64::from);
-        DVec3::from_array(self.view_from_world.map(|m| m[0] * x + m[1] * y + m[2] * z + m[3]))
-    }
-
-    /// False only if no splat of the ball can change a pixel.
-    fn may_show(&self, ball: &Ball) -> bool {
-        let center = self.in_view(ball);
-        let slack = self.slack(ball, center);
-        let (radius, sigma) = (1.01 * f64::from(ball[3]) + slack, 1.02 * f64::from(ball[4]));
-        center.z + radius > self.near
-            && self
-                .borders
-                .iter()
-                .all(|(normal, reach)| normal.dot(center) + normal.length() * radius + reach * sigma > 0.0)
-    }
-
-    /// Several times what f32 makes of the large coordinates of a ball.
-    fn slack(&self, ball: &Ball, in_view: DVec3) -> f64 {
-        let in_world = ball[0].abs().max(ball[1].abs()).max(ball[2].abs());
-        4e-5 * (in_view.abs().max_element() + f64::from(in_world))
-    }
-
-    /// Pixels that a cell is wide at the nearest point of a ball; 0 if the ball is out of view.
-    fn cell_px(&self, ball: &Ball, cell: f32) -> f64 {
-        if !self.may_show(ball) {
-            return 0.0;
-        }
-        let center = self.in_view(ball);
-        let nearest = (center.z - f64::from(ball[3]) - self.slack(ball, center)).max(self.near).max(1e-9);
-        // What cannot be merged is as wide as its block.
-        let wide = if cell >= NO_NEXT_CELL { 2.0 * f64::from(ball[3]) + f64::from(ball[4]) } else { cell.into() };
-        (self.focal_px * wide / nearest).max(f64::MIN_POSITIVE)
-    }
 }

@@ -20,7 +20,7 @@ const ASKED_AT_ONCE: usize = 8;
 
 /// A scene that was opened to be drawn.
 pub enum OpenedScene {
-    /// All of it is in host memory.
+    /// Templates, instances and the whole background are in host memory.
     Whole(Box<LoadedScene>),
     /// Its background stays in the file.
     InPages(Box<PagedFile>),
@@ -28,13 +28,13 @@ pub enum OpenedScene {
 
 /// A scene in device memory that follows the views.
 pub enum DrawnScene {
-    /// All of it.
+    /// Templates, instances and the whole background: views have nothing to ask for.
     Whole(Box<DeviceScene>),
-    /// What the last view wants of the background.
+    /// Templates and instances, and of the background what the last views wanted.
     InPages(Box<PagedView>),
 }
 
-/// Memory for scenes.
+/// How much memory reading a scene may take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneMemory {
     /// Host memory, bytes; `None` = what is available.
@@ -56,9 +56,9 @@ pub enum FollowError {
          give it more (--device-memory-mb)"
     )]
     NoRoom {
-        /// What it needs.
+        /// Device memory for what is always there and two pages, MiB.
         needed_mib: u64,
-        /// What it may take.
+        /// Device memory that pages may take, MiB: half of the device's, or of its budget.
         budget_mib: u64,
     },
 }
