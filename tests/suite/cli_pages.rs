@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use assert_cmd::Command;
+use instgs_io::nerf_write::write_transforms;
 use instgs_io::{load_scene, save_scene, write_cameras};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
@@ -36,20 +37,24 @@ fn exported(folder: &Path, more: &[&str]) -> std::path::PathBuf {
     to
 }
 
-/// Renders three views from above the ground into a folder. (`--orbit` goes round the means, and stand-ins have others.)
-fn render(scene: &Path, out: &Path, more: &[&str]) -> Command {
-    let cameras = scene.with_file_name("cameras.json");
-    let camera = |k: u32| {
+/// Three views from above the ground. (`--orbit` goes round the means, and stand-ins have others.)
+fn cameras() -> [Camera; 3] {
+    [0, 1, 2].map(|k| {
         let (sin, cos) = (2.0 * f64::from(k)).sin_cos();
         let view_from_world =
             [[cos, -sin, 0.0, 0.0], [0.0, 0.0, -1.0, 0.5], [sin, cos, 0.0, 6.0], [0.0, 0.0, 0.0, 1.0]];
         let name = format!("{k}.png");
         Camera { name, width: 96, height: 54, fx: 80.0, fy: 80.0, cx: 48.0, cy: 27.0, view_from_world }
-    };
-    write_cameras(&cameras, &[0, 1, 2].map(camera)).unwrap();
+    })
+}
+
+/// Renders the three views into a folder.
+fn render(scene: &Path, out: &Path, more: &[&str]) -> Command {
+    let file = scene.with_file_name("cameras.json");
+    write_cameras(&file, &cameras()).unwrap();
     let mut command = program();
     command.env("INSTGS_VALIDATION", "1").args(["render", "--json", "--scene"]).arg(scene);
-    command.arg("--camera").arg(&cameras).arg("--out").arg(out).args(more);
+    command.arg("--camera").arg(&file).arg("--out").arg(out).args(more);
     command
 }
 
@@ -95,6 +100,34 @@ fn pages_are_read_where_memory_is_short_and_pictures_stay() {
     let output = program().args(["inspect", "--json"]).arg(&scene).assert().success().get_output().stdout.clone();
     let inspected: Value = serde_json::from_slice(&output).unwrap();
     assert!(inspected["file_sums"]["pages"].as_u64().unwrap() > 100_000, "{}", inspected["bytes"]);
+}
+
+#[test]
+fn a_scene_in_pages_is_evaluated() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = exported(folder.path(), &["--pages", "--pack", "f16"]);
+    let data = folder.path().join("data");
+    render(&scene, &data, &[]).assert().success();
+    let cameras = cameras();
+    let views: Vec<_> = cameras.iter().map(|camera| (camera, camera.name.clone())).collect();
+    write_transforms(&data.join("transforms.json"), &views, None).unwrap();
+    let eval = |more: &[&str]| {
+        let mut command = program();
+        command.env("INSTGS_VALIDATION", "1").args(["eval", "--json", "--split", "all", "--scene"]).arg(&scene);
+        report(command.arg("--data").arg(&data).args(more))
+    };
+    let psnr = |report: &Value| report["mean"]["psnr"].as_f64().unwrap();
+    let (whole, _) = eval(&[]);
+    assert!(psnr(&whole) > 50.0, "{whole}");
+    let (in_pages, warnings) = eval(&["--host-memory-mb", "1"]);
+    assert_eq!(in_pages, whole);
+    assert!(!warnings.contains("coarser"), "{warnings}");
+    let (coarser, warnings) = eval(&["--host-memory-mb", "1", "--device-memory-mb", "9"]);
+    assert!((15.0..psnr(&whole) - 3.0).contains(&psnr(&coarser)), "{coarser}");
+    assert!(warnings.contains("3 of 3 views") && !warnings.contains("--lod"), "{warnings}");
 }
 
 #[test]

@@ -6,14 +6,16 @@ use clap::Args;
 
 use super::lpips_args::LpipsArgs;
 use super::picture_files;
-use instgs_console::args::{JsonArgs, LookArgs, MemoryArgs, SplitArg, create_folder, open_scene};
+use instgs_console::args::{HostMemoryArgs, JsonArgs, LookArgs, MemoryArgs, SplitArg, create_folder};
 use instgs_console::device::{self, DeviceArgs};
+use instgs_console::opened::{CoarserViews, DrawnScene, OpenedScene};
 use instgs_console::table::Table;
 use instgs_console::{CliError, Printer, failed_to_render};
-use instgs_eval::{EvalReport, Extras, Metrics, PicturePair, evaluate};
+use instgs_eval::{EvalReport, Extras, Metrics, PicturePair, SceneOfViews, evaluate};
 use instgs_io::dataset::{MissingPhotos, leave_out_missing};
 use instgs_io::picture_png::write_png;
-use instgs_vk::render::Renderer;
+use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
+use instgs_vk::scene::Camera;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 
 /// Factor of the differences in the pictures of --out.
@@ -32,6 +34,7 @@ const DIFFERENCE_GAIN: f32 = 4.0;
     instgs-vk eval --scene room.instgs --data room\n  \
     instgs-vk eval --scene room.ply --data room --split all --width 320 --json report.json --out pictures\n  \
     instgs-vk eval --scene facade.ply --data facade --exposures\n  \
+    instgs-vk eval --scene city.instgs --data city --host-memory-mb 1000\n  \
     python3 tools/models/convert_lpips.py --net vgg --out vgg.safetensors\n  \
     instgs-vk eval --scene room.instgs --data room --lpips-net vgg --lpips-weights vgg.safetensors")]
 pub(super) struct EvalArgs {
@@ -63,11 +66,28 @@ pub(super) struct EvalArgs {
     #[command(flatten)]
     memory: MemoryArgs,
     #[command(flatten)]
+    host_memory: HostMemoryArgs,
+    #[command(flatten)]
     pub(super) json: JsonArgs,
 }
 
+/// A scene that gets what each view wants, and counts the views that it has no room for.
+struct Followed {
+    scene: DrawnScene,
+    place: String,
+    views: CoarserViews,
+}
+
+impl SceneOfViews<CliError> for &mut Followed {
+    fn ready_for(&mut self, camera: &Camera, options: &RenderOptions) -> Result<&DeviceScene, CliError> {
+        let Followed { scene, place, views } = &mut **self;
+        views.add(&scene.follow(camera, options).map_err(|error| CliError::msg(format!("{place}: {error}")))?);
+        Ok(scene.device())
+    }
+}
+
 pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let loaded = open_scene(&args.scene, printer)?;
+    let opened = OpenedScene::open_warned(&args.scene, args.host_memory.of_scenes(), printer)?;
     let mut views = args.split.views(&args.data, printer)?;
     let weights = args.lpips.weights();
     let lpips = weights.as_ref().ok().map(|path| args.lpips.load(path)).transpose()?;
@@ -76,16 +96,19 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let cameras: Vec<_> = views.iter().map(|v| v.camera.clone()).collect();
     let file_names = picture_files::names(&cameras)?;
     args.out.as_deref().map(create_folder).transpose()?;
-    let options = args.memory.apply(args.look.options(&loaded.scene));
+    let options = args.memory.apply(args.look.options(opened.scene()));
     let place = args.scene.display();
     let gpu = device::open(device_args.choice())?;
     args.memory.limit(&gpu);
     let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
-    let scene = renderer.upload(&loaded.scene).map_err(failed_to_render(&place))?;
+    let is_empty = opened.scene().expanded_len() == 0;
+    let fail = |error| CliError::msg(format!("{place}: {error}"));
+    let scene = opened.upload(&gpu, &renderer, &options).map_err(fail)?;
+    let mut scene = Followed { scene, place: place.to_string(), views: CoarserViews::default() };
     let mut progress = printer.progress("eval", views.len() as u64);
     let extras = Extras { lpips: lpips.as_ref(), exposures: args.exposures };
     let (mut visible, mut names) = (0, file_names.iter());
-    let report = evaluate::<CliError>(&mut renderer, &scene, &views, args.width, &options, extras, |view| {
+    let report = evaluate::<CliError>(&mut renderer, &mut scene, &views, args.width, &options, extras, |view| {
         visible += view.visible;
         if let (Some(folder), Some(name)) = (&args.out, names.next()) {
             write_picture(&folder.join(format!("{name}.png")), view.pair)?;
@@ -94,7 +117,10 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
         Ok(())
     })?;
     drop(progress);
-    if visible == 0 && loaded.scene.expanded_len() > 0 {
+    if let Some(what) = scene.views.warning() {
+        printer.warning(format_args!("{place}: {what}"));
+    }
+    if visible == 0 && !is_empty {
         let near = options.near;
         printer.warning(format_args!("{place}: nothing is visible from these views (near is {near}; see --near)"));
     }

@@ -8,7 +8,7 @@ use clap::Args;
 use super::picture_files::{self, Format};
 use instgs_console::args::{HostMemoryArgs, LodArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, create_folder};
 use instgs_console::device::{self, DeviceArgs};
-use instgs_console::opened::{FollowError, OpenedScene};
+use instgs_console::opened::{CoarserViews, FollowError, OpenedScene};
 use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_vk::render::Renderer;
 
@@ -80,10 +80,7 @@ struct RenderedFrame {
 
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let memory = args.host_memory.of_scenes();
-    let opened = OpenedScene::open(&args.scene, memory)?;
-    for what in opened.warnings(memory) {
-        printer.warning(format_args!("{}: {what}", args.scene.display()));
-    }
+    let opened = OpenedScene::open_warned(&args.scene, memory, printer)?;
     let options = args.memory.apply(args.precision.apply(args.lod.apply(args.look.options(opened.scene()))));
     let cameras = args.views.cameras(opened.scene(), options.near, printer)?;
     let names = picture_files::names(&cameras)?;
@@ -97,8 +94,10 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
     let mut scene = opened.upload(&gpu, &renderer, &options).map_err(fail)?;
     let mut progress = printer.progress("render", cameras.len() as u64);
     let mut frames = Vec::with_capacity(cameras.len());
+    let mut views = CoarserViews::default();
     for (camera, name) in cameras.iter().zip(names) {
         let pages = scene.follow(camera, &options).map_err(fail)?;
+        views.add(&pages);
         let start = Instant::now();
         let stats = renderer.render(scene.device(), camera, &options).map_err(failed_to_render(&place))?;
         let ms = 1e3 * start.elapsed().as_secs_f64();
@@ -119,13 +118,8 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
         });
     }
     drop(progress);
-    let coarser = frames.iter().filter(|frame| frame.pages_without_room > 0).count();
-    if coarser > 0 {
-        printer.warning(format_args!(
-            "{place}: {coarser} of {} views want more of the background than there is room for, and are coarser in places; give \
-             them more memory (--device-memory-mb), or an error (--lod)",
-            frames.len()
-        ));
+    if let Some(what) = views.warning() {
+        printer.warning(format_args!("{place}: {what}, or an error (--lod)"));
     }
     if frames.iter().all(|frame| frame.visible == 0) && !is_empty {
         let near = options.near;

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
+use crate::Printer;
 use instgs_io::{IoError, LoadedScene, PagedFile, host_memory, load_scene_to_draw};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::paged_scene::{PagedBytes, row_bytes};
@@ -32,6 +33,15 @@ pub enum DrawnScene {
     Whole(Box<DeviceScene>),
     /// Templates and instances, and of the background what the last views wanted.
     InPages(Box<PagedView>),
+}
+
+/// Views that want more of the background than there is room for.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CoarserViews {
+    /// Number of views that were drawn.
+    pub drawn: usize,
+    /// Number of those in which stand-ins are seen.
+    pub coarser: usize,
 }
 
 /// How much memory reading a scene may take.
@@ -114,7 +124,7 @@ impl OpenedScene {
     }
 
     /// All warnings for the user, one line each.
-    pub fn warnings(&self, memory: SceneMemory) -> Vec<String> {
+    fn warnings(&self, memory: SceneMemory) -> Vec<String> {
         let Self::Whole(loaded) = self else { return Vec::new() };
         let mut warnings = loaded.warnings();
         let needed = needed_on_host(&loaded.scene, loaded.scene.source_len() as u64);
@@ -129,6 +139,18 @@ impl OpenedScene {
         warnings
     }
 
+    /// Opens a scene as [`OpenedScene::open`] does, and prints warnings about its file.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn open_warned(path: &Path, memory: SceneMemory, printer: &Printer) -> Result<Self, IoError> {
+        let opened = Self::open(path, memory)?;
+        for what in opened.warnings(memory) {
+            printer.warning(format_args!("{}: {what}", path.display()));
+        }
+        Ok(opened)
+    }
+
     /// Uploads the scene, or what of it is always there, for a renderer.
     ///
     /// # Errors
@@ -138,6 +160,25 @@ impl OpenedScene {
             Self::Whole(loaded) => Ok(DrawnScene::whole(renderer, &loaded.scene, options)?),
             Self::InPages(file) => Ok(DrawnScene::InPages(Box::new(PagedView::new(*file, gpu, renderer, options)?.0))),
         }
+    }
+}
+
+impl CoarserViews {
+    /// Counts a view.
+    pub fn add(&mut self, pages: &PagesInView) {
+        self.drawn += 1;
+        self.coarser += usize::from(pages.without_room > 0);
+    }
+
+    /// What the user should know about them.
+    pub fn warning(&self) -> Option<String> {
+        let Self { drawn, coarser } = self;
+        (*coarser > 0).then(|| {
+            format!(
+                "{coarser} of {drawn} views want more of the background than there is room for, and are coarser in places; give \
+                 them more memory (--device-memory-mb)"
+            )
+        })
     }
 }
 

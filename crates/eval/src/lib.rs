@@ -24,4 +24,4 @@ pub use psnr::{MAX_PSNR_DB, psnr};
 pub use report::{EvalReport, Extras, Metrics, ViewMetrics};
 pub use sizes::{Bytes, Counts};
 pub use ssim::ssim;
-pub use views::{Evaluated, composited, evaluate, pair_of};
+pub use views::{Evaluated, SceneOfViews, composited, evaluate, pair_of};

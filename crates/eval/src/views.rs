@@ -6,6 +6,23 @@ use crate::report::{EvalReport, Extras, Metrics};
 use instgs_io::View;
 use instgs_io::view_image::{ViewImage, load_view};
 use instgs_vk::render::{DeviceScene, Picture, RenderOptions, Renderer};
+use instgs_vk::scene::Camera;
+
+/// A scene in device memory that is made ready for each view before it is drawn. `E` is what can go wrong with that.
+pub trait SceneOfViews<E> {
+    /// The scene, with all that the view wants and there is room for.
+    ///
+    /// # Errors
+    /// Whatever keeps the scene from being made ready.
+    fn ready_for(&mut self, camera: &Camera, options: &RenderOptions) -> Result<&DeviceScene, E>;
+}
+
+/// All of this scene is there: no view has anything to wait for.
+impl<E> SceneOfViews<E> for &DeviceScene {
+    fn ready_for(&mut self, _: &Camera, _: &RenderOptions) -> Result<&DeviceScene, E> {
+        Ok(self)
+    }
+}
 
 /// One view, reported as soon as it is compared.
 #[derive(Debug)]
@@ -26,10 +43,10 @@ pub struct Evaluated<'a> {
 ///
 /// # Errors
 /// The first photo that cannot be read, view that cannot be rendered, or pair that cannot be compared; no views; or
-/// what `on_view` returns.
+/// what `scene` or `on_view` returns.
 pub fn evaluate<E: From<EvalError>>(
     renderer: &mut Renderer,
-    scene: &DeviceScene,
+    mut scene: impl SceneOfViews<E>,
     views: &[View],
     width: Option<u32>,
     options: &RenderOptions,
@@ -41,6 +58,7 @@ pub fn evaluate<E: From<EvalError>>(
         let name = view.camera.name.as_str();
         let photo = load_view(view, width).map_err(EvalError::from)?;
         let failed = |error| EvalError::Render { view: name.into(), error };
+        let scene = scene.ready_for(&photo.camera, options)?;
         let stats = renderer.render(scene, &photo.camera, options).map_err(failed)?;
         let picture = renderer.download().map_err(failed)?;
         let pair = pair_of(&picture, &photo.image, options.background)

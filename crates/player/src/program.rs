@@ -301,7 +301,7 @@ fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]
 }
 
 fn headless(args: &PlayerArgs, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
-    let opened = OpenedScene::open(&args.scene, args.host_memory.of_scenes())?;
+    let opened = OpenedScene::open_warned(&args.scene, args.host_memory.of_scenes(), printer)?;
     let (options, counts) = (viewer_options(args, opened.scene())?, opened.counts());
     let gpu = device::open(args.device.choice())?;
     args.memory.limit(&gpu);
