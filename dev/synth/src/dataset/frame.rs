@@ -1,6 +1,6 @@
 //! Renders one view: colour, id and depth of each pixel.
 
-use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::bvh::Ray;
@@ -23,15 +23,18 @@ pub struct Frame {
     pub depths: Vec<f32>,
 }
 
-/// Adaptive sampling: number of samples after which a pixel may be finished, and the largest contrast of its samples
-/// for that. The last stage has no limit, so edges get all samples. The first stage counts only where all neighbouring
-/// pixels show the same body.
-const STAGES: [(usize, f32); 4] = [(4, 0.025), (9, 0.05), (18, 0.12), (MOST, f32::INFINITY)];
-/// From this sample on, the nearest earlier sample of the same body is reused unless the sun reaches only some of them:
-/// edges need many visibility rays, but not as many materials and shadows.
-const SHADED: usize = STAGES[2].0;
+/// Adaptive sampling: a pixel whose neighbourhood is even, by the centres of its pixels, may be finished after so many samples
+/// if their contrast is below this. The first two count only if all samples show the same body, in the sun or not.
+const EVEN: [(usize, f32); 3] = [(4, 0.025), (8, 0.05), (16, 0.1)];
+/// Largest contrast of the centres of an even neighbourhood.
+const EVEN_AROUND: f32 = 0.1;
+/// What is uneven goes on: a pixel is finished after so many samples if the first half of them says the same as all, and
+/// in any case after the last number. Noise would be learned by heart, and hide how good a scene is.
+const HALVES: [usize; 3] = [32, 64, MOST];
 /// Largest number of samples of a pixel.
-const MOST: usize = 48;
+const MOST: usize = 128;
+/// Largest difference between the two for that, in the encoded value of a channel.
+const SAME: f64 = 2.0 / 255.0;
 /// Added to a luminance before contrasts are computed: differences below it are hardly visible.
 const DARK: f32 = 0.15;
 /// Samples of a pixel share indirect light if the cosine between their normals exceeds this ...
@@ -71,16 +74,13 @@ impl Lens {
     }
 }
 
-/// Result of one sample.
-#[derive(Clone, Copy, Default)]
-struct Sample {
-    color: Vec3,
+/// What one sample shows.
+#[derive(Clone, Copy, PartialEq)]
+struct Kind {
     /// Body that was hit; `None` for the sky.
     body: Option<u32>,
-    /// Share of the sun; a change between 0 and more marks a shadow edge.
-    sun: f32,
-    /// Position within the pixel.
-    at: Vec2,
+    /// True if the sun reaches it.
+    sunny: bool,
 }
 
 /// Renders a view. `seed` and the index `view` determine the positions of samples within their pixels.
@@ -88,84 +88,106 @@ pub fn take(scene: &Scene, light: &Irradiance, camera: &Camera, seed: u64, view:
     let lens = Lens::new(camera);
     let stream = Rng::new(seed).fork(VIEW_STREAM + view);
     let (width, height) = (camera.width as usize, camera.height as usize);
-    let centre = |i: usize| scene.world.closest(&lens.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5));
-    let centres: Vec<Option<Hit>> = (0..width * height).into_par_iter().map(centre).collect();
-    let body = |i: usize| centres[i].map(|h| scene.world.body_of(&h));
+    let centre = |i: usize| {
+        let ray = lens.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let hit = scene.world.closest(&ray);
+        (hit, sample(scene, light, &lens, &ray, hit, (0.0, 0.0), &mut None))
+    };
+    let centres: Vec<(Option<Hit>, (Vec3, Kind))> = (0..width * height).into_par_iter().map(centre).collect();
     let pixel = |i: usize| {
         let (x, y) = (i % width, i / width);
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        let mut around = rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(width)).map(move |x| y * width + x));
-        let calm = around.all(|other| body(other) == body(i));
-        color_of(scene, light, &lens, (x as f64, y as f64), calm, &mut stream.fork(i as u64))
+        let mut around = Taken::default();
+        for y in y.saturating_sub(1)..(y + 2).min(height) {
+            for x in x.saturating_sub(1)..(x + 2).min(width) {
+                around.add(centres[y * width + x].1);
+            }
+        }
+        let is_even = around.is_one_kind && around.contrast() < EVEN_AROUND;
+        color_of(scene, light, &lens, (x as f64, y as f64), is_even, &mut stream.fork(i as u64))
     };
     let colors: Vec<[u8; 3]> = (0..width * height).into_par_iter().map(pixel).collect();
     Frame {
         colors: colors.into_flattened(),
-        ids: centres.iter().map(|hit| hit.map_or(0, |h| scene.world.id_of(&h) as u16)).collect(),
-        depths: centres.iter().map(|hit| hit.map_or(0.0, |h| h.t)).collect(),
+        ids: centres.iter().map(|(hit, _)| hit.map_or(0, |h| scene.world.id_of(&h) as u16)).collect(),
+        depths: centres.iter().map(|(hit, _)| hit.map_or(0.0, |h| h.t)).collect(),
     }
 }
 
-fn color_of(scene: &Scene, light: &Irradiance, lens: &Lens, pixel: (f64, f64), calm: bool, rng: &mut Rng) -> [u8; 3] {
+fn color_of(
+    scene: &Scene,
+    light: &Irradiance,
+    lens: &Lens,
+    pixel: (f64, f64),
+    is_even: bool,
+    rng: &mut Rng,
+) -> [u8; 3] {
     let starts: [f64; 4] = std::array::from_fn(|_| rng.uniform());
-    let mut samples = [Sample::default(); MOST];
-    let mut count = 0;
+    let mut taken = Taken::default();
     // Indirect light at the last sample.
     let mut shared = None;
-    for &(enough, contrast) in &STAGES[usize::from(!calm)..] {
-        while count < enough {
-            let (x, y) = spread_evenly(count, [starts[0], starts[1]]);
-            let at = DVec2::new(x, y).as_vec2();
+    let mut take_until = |taken: &mut Taken, enough: usize| {
+        for k in taken.count..enough {
+            let (x, y) = spread_evenly(k, [starts[0], starts[1]]);
+            // Points of the sun, in another order.
+            let (u, v) = spread_evenly(k * 53 % MOST, [starts[2], starts[3]]);
             let ray = lens.ray(pixel.0 + x, pixel.1 + y);
             let hit = scene.world.closest(&ray);
-            let body = hit.map(|h| scene.world.body_of(&h));
-            let known = samples.get(..SHADED).filter(|_| count >= SHADED).and_then(|known| alike(known, body, at));
-            samples[count] = known.unwrap_or_else(|| {
-                // Points of the sun, in another order.
-                let (u, v) = spread_evenly(count * 29 % MOST, [starts[2], starts[3]]);
-                let sun = disc(u as f32, v as f32);
-                Sample { at, ..sample(scene, light, lens, &ray, hit, sun, &mut shared) }
-            });
-            count += 1;
+            taken.add(sample(scene, light, lens, &ray, hit, disc(u as f32, v as f32), &mut shared));
         }
-        if is_even(&samples[..count], contrast) {
+        encoded((taken.sum / taken.count as f32 * scene.world.light.exposure).as_dvec3())
+    };
+    let byte = |c: f64| (c * 255.0).round().clamp(0.0, 255.0) as u8;
+    let mut color = DVec3::ZERO;
+    for (enough, contrast) in EVEN {
+        color = take_until(&mut taken, enough);
+        if is_even && taken.contrast() < contrast && (taken.is_one_kind || enough == EVEN[2].0) {
+            return color.to_array().map(byte);
+        }
+    }
+    for enough in HALVES {
+        let half = color;
+        color = take_until(&mut taken, enough);
+        if (color - half).abs().max_element() < SAME {
             break;
         }
     }
-    let mean = samples[..count].iter().map(|s| s.color).sum::<Vec3>() / count as f32;
-    encoded((mean * scene.world.light.exposure).as_dvec3())
-        .to_array()
-        .map(|c| (c * 255.0).round().clamp(0.0, 255.0) as u8)
+    color.to_array().map(byte)
+}
+
+/// The samples of a pixel so far.
+#[derive(Default)]
+struct Taken {
+    count: usize,
+    sum: Vec3,
+    low: Vec3,
+    high: Vec3,
+    first: Option<Kind>,
+    /// True if all of them show the same body, in the sun or not.
+    is_one_kind: bool,
+}
+
+impl Taken {
+    fn add(&mut self, (color, kind): (Vec3, Kind)) {
+        let first = *self.first.get_or_insert(kind);
+        if self.count == 0 {
+            (self.low, self.high, self.is_one_kind) = (color, color, true);
+        }
+        self.count += 1;
+        self.sum += color;
+        (self.low, self.high) = (self.low.min(color), self.high.max(color));
+        self.is_one_kind &= kind == first;
+    }
+
+    /// The largest difference of two samples in a channel, as a part of the brightest.
+    fn contrast(&self) -> f32 {
+        (self.high - self.low).max_element() / (self.high.max_element() + DARK)
+    }
 }
 
 /// Point `k` of the R2 sequence (Roberts 2018), every prefix of which is evenly spread.
 fn spread_evenly(k: usize, start: [f64; 2]) -> (f64, f64) {
     let along = |step: f64, start: f64| (start + step * k as f64).fract();
     (along(0.754_877_666_246_692_7, start[0]), along(0.569_840_290_998_053_2, start[1]))
-}
-
-/// The nearest sample of the same body; `None` if there is none, or if the sun reaches only some of them.
-fn alike(known: &[Sample], body: Option<u32>, at: Vec2) -> Option<Sample> {
-    let mut of_body = known.iter().filter(|s| s.body == body);
-    let mut nearest = of_body.next()?;
-    for other in of_body {
-        if (other.sun > 0.0) != (nearest.sun > 0.0) {
-            return None;
-        }
-        if other.at.distance_squared(at) < nearest.at.distance_squared(at) {
-            nearest = other;
-        }
-    }
-    Some(*nearest)
-}
-
-/// Whether all samples show the same body in about the same colour.
-fn is_even(samples: &[Sample], contrast: f32) -> bool {
-    let (mut low, mut high) = (samples[0].color, samples[0].color);
-    samples.iter().for_each(|s| (low, high) = (low.min(s.color), high.max(s.color)));
-    let same_body = || samples.iter().all(|s| s.body == samples[0].body && (s.sun > 0.0) == (samples[0].sun > 0.0));
-    let relative = (high - low).max_element() / (high.max_element() + DARK);
-    relative < contrast && (contrast > STAGES[1].1 || same_body())
 }
 
 fn sample(
@@ -176,10 +198,10 @@ fn sample(
     hit: Option<Hit>,
     sun: (f32, f32),
     shared: &mut Option<(Point, Vec3)>,
-) -> Sample {
+) -> (Vec3, Kind) {
     let Some(hit) = hit else {
         let color = scene.world.light.sky(ray.direction.normalize());
-        return Sample { color, body: None, sun: 1.0, at: Vec2::ZERO };
+        return (color, Kind { body: None, sunny: true });
     };
     let point = scene.world.point(ray, &hit, lens.footprint);
     let on_it = scene.world.sun_on(&point, sun);
@@ -193,7 +215,7 @@ fn sample(
     };
     *shared = Some((point, around));
     let color = shaded(&scene.world, &point, ray.direction.normalize(), around, on_it);
-    Sample { color, body: Some(point.body), sun: on_it, at: Vec2::ZERO }
+    (color, Kind { body: Some(point.body), sunny: on_it > 0.0 })
 }
 
 /// Linear colour of a point seen along the unit vector `view`, for given indirect light and share of the sun.
