@@ -127,6 +127,7 @@ fn a_scene_in_pages_is_evaluated() {
     assert!(!warnings.contains("coarser"), "{warnings}");
     let (coarser, warnings) = eval(&["--host-memory-mb", "1", "--device-memory-mb", "9"]);
     assert!((15.0..psnr(&whole) - 3.0).contains(&psnr(&coarser)), "{coarser}");
+    assert_eq!((coarser["coarser_views"].as_u64(), whole.get("coarser_views")), (Some(3), None));
     assert!(warnings.contains("3 of 3 views") && !warnings.contains("--lod"), "{warnings}");
 }
 

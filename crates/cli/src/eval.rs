@@ -29,6 +29,9 @@ const DIFFERENCE_GAIN: f32 = 4.0;
 ///
 /// LPIPS (0.1) needs trained weights, which are not part of this program: tools/models/convert_lpips.py makes them.
 /// Without them LPIPS is not computed (null in JSON).
+///
+/// Of a scene with pages that memory is too short for, views are measured as they are drawn: coarser where pages have no room. A
+/// warning, and coarser_views in JSON, say of how many views that is true.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk eval --scene room.instgs --data room\n  \
@@ -71,6 +74,20 @@ pub(super) struct EvalArgs {
     pub(super) json: JsonArgs,
 }
 
+/// What `--json` writes.
+#[derive(serde::Serialize)]
+struct EvalOutput<'a> {
+    #[serde(flatten)]
+    report: &'a EvalReport,
+    /// Number of views whose pages had no room, so that they are measured coarser than the scene is; left out if there are none.
+    #[serde(skip_serializing_if = "is_none")]
+    coarser_views: usize,
+}
+
+fn is_none(count: &usize) -> bool {
+    *count == 0
+}
+
 /// A scene that gets what each view wants, and counts the views that it has no room for.
 struct Followed {
     scene: DrawnScene,
@@ -81,13 +98,14 @@ struct Followed {
 impl SceneOfViews<CliError> for &mut Followed {
     fn ready_for(&mut self, camera: &Camera, options: &RenderOptions) -> Result<&DeviceScene, CliError> {
         let Followed { scene, place, views } = &mut **self;
-        views.add(&scene.follow(camera, options).map_err(|error| CliError::msg(format!("{place}: {error}")))?);
+        let fail = |error| CliError::msg(format!("{place}: view {}: {error}", camera.name));
+        views.add(&scene.follow(camera, options).map_err(fail)?);
         Ok(scene.device())
     }
 }
 
 pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let opened = OpenedScene::open_warned(&args.scene, args.host_memory.of_scenes(), printer)?;
+    let opened = OpenedScene::open_to_measure(&args.scene, args.host_memory.of_scenes(), printer)?;
     let mut views = args.split.views(&args.data, printer)?;
     let weights = args.lpips.weights();
     let lpips = weights.as_ref().ok().map(|path| args.lpips.load(path)).transpose()?;
@@ -133,7 +151,7 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
         printer.warning(format_args!("LPIPS has no mean: some pictures are too small for {net}"));
     }
     device::check_validation(&gpu)?;
-    if !args.json.write(&report, printer)? {
+    if !args.json.write(&EvalOutput { report: &report, coarser_views: scene.views.count() }, printer)? {
         return Ok(());
     }
     print_table(&report, printer);

@@ -197,7 +197,7 @@ pub struct LookArgs {
 #[derive(Args)]
 pub struct MemoryArgs {
     /// Device memory to draw with, the scene included, MiB; frames that need more are drawn in parts, and a scene that takes
-    /// most of it stays in host memory, with the same result [default: what the device has]
+    /// most of it stays in host memory, with the same result; of a scene in pages, fewer are there [default: what the device has]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     device_memory_mb: Option<u32>,
 }

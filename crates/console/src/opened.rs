@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use crate::Printer;
-use instgs_io::{IoError, LoadedScene, PagedFile, host_memory, load_scene_to_draw};
+use instgs_io::{IoError, LoadedScene, PagedFile, host_memory, load_scene, load_scene_to_draw};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::paged_scene::{PagedBytes, row_bytes};
 use instgs_vk::render::{DeviceScene, PagedScene, PagesInView, RenderError, RenderOptions, Renderer};
@@ -38,10 +38,8 @@ pub enum DrawnScene {
 /// Views that want more of the background than there is room for.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CoarserViews {
-    /// Number of views that were drawn.
-    pub drawn: usize,
-    /// Number of those in which stand-ins are seen.
-    pub coarser: usize,
+    drawn: usize,
+    coarser: usize,
 }
 
 /// How much memory reading a scene may take.
@@ -80,7 +78,16 @@ impl OpenedScene {
     /// # Errors
     /// The file cannot be read, or is damaged.
     pub fn open(path: &Path, memory: SceneMemory) -> Result<Self, IoError> {
-        let whole = || load_scene_to_draw(path).map(|loaded| Self::Whole(Box::new(loaded)));
+        Self::open_by(path, memory, load_scene_to_draw)
+    }
+
+    /// The same, by another function that reads a scene as a whole.
+    fn open_by(
+        path: &Path,
+        memory: SceneMemory,
+        load: fn(&Path) -> Result<LoadedScene, IoError>,
+    ) -> Result<Self, IoError> {
+        let whole = || load(path).map(|loaded| Self::Whole(Box::new(loaded)));
         match PagedFile::open(path) {
             Ok(Some(file)) if !memory.is_enough(&file.scene, file.source_len()) => Ok(Self::InPages(Box::new(file))),
             Ok(_) => whole(),
@@ -144,11 +151,23 @@ impl OpenedScene {
     /// # Errors
     /// The same.
     pub fn open_warned(path: &Path, memory: SceneMemory, printer: &Printer) -> Result<Self, IoError> {
-        let opened = Self::open(path, memory)?;
-        for what in opened.warnings(memory) {
+        Self::open(path, memory).map(|opened| opened.warned(path, memory, printer))
+    }
+
+    /// The same with the background in the file's order, as training and the Python package evaluate it: Gaussians at the very
+    /// same depth are blended in that order.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn open_to_measure(path: &Path, memory: SceneMemory, printer: &Printer) -> Result<Self, IoError> {
+        Self::open_by(path, memory, load_scene).map(|opened| opened.warned(path, memory, printer))
+    }
+
+    fn warned(self, path: &Path, memory: SceneMemory, printer: &Printer) -> Self {
+        for what in self.warnings(memory) {
             printer.warning(format_args!("{}: {what}", path.display()));
         }
-        Ok(opened)
+        self
     }
 
     /// Uploads the scene, or what of it is always there, for a renderer.
@@ -168,6 +187,11 @@ impl CoarserViews {
     pub fn add(&mut self, pages: &PagesInView) {
         self.drawn += 1;
         self.coarser += usize::from(pages.without_room > 0);
+    }
+
+    /// Number of views in which stand-ins are seen.
+    pub fn count(&self) -> usize {
+        self.coarser
     }
 
     /// What the user should know about them.

@@ -218,7 +218,8 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
         return headless(args, &cameras, printer);
     }
     // Frames that are timed begin with the scene; a window reads it beside its first frames and displays errors.
-    let opened = args.frames.map(|_| OpenedScene::open(&args.scene, args.host_memory.of_scenes())).transpose()?;
+    let open = |_| OpenedScene::open_warned(&args.scene, args.host_memory.of_scenes(), printer);
+    let opened = args.frames.map(open).transpose()?;
     let counts = opened.as_ref().map_or([0; 2], OpenedScene::counts);
     let boxes = args.boxes.as_ref().map(|path| read_boxes(path).map(|boxes| (path.clone(), boxes))).transpose()?;
     let script = script(args.script.as_deref())?;

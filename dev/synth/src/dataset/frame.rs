@@ -23,19 +23,27 @@ pub struct Frame {
     pub depths: Vec<f32>,
 }
 
-/// Adaptive sampling: a pixel whose neighbourhood is even, by the centres of its pixels, may be finished after so many samples
-/// if their contrast is below this. The first two count only if all samples show the same body, in the sun or not.
-const EVEN: [(usize, f32); 3] = [(4, 0.025), (8, 0.05), (16, 0.1)];
+/// Adaptive sampling: a pixel whose neighbourhood is even, by the centres of its pixels, is finished at the first of these
+/// that its samples meet.
+const EVEN: [Even; 3] = [
+    Even { samples: 4, contrast: 0.025, one_kind: true },
+    Even { samples: 8, contrast: 0.05, one_kind: true },
+    Even { samples: 16, contrast: 0.1, one_kind: false },
+];
 /// Largest contrast of the centres of an even neighbourhood.
 const EVEN_AROUND: f32 = 0.1;
 /// What is uneven goes on: a pixel is finished after so many samples if the first half of them says the same as all, and
 /// in any case after the last number. Noise would be learned by heart, and hide how good a scene is.
-const HALVES: [usize; 3] = [32, 64, MOST];
+const HALVES: [usize; 3] = [2 * EVEN[2].samples, 4 * EVEN[2].samples, MOST];
 /// Largest number of samples of a pixel.
 const MOST: usize = 128;
-/// Largest difference between the two for that, in the encoded value of a channel.
+/// Largest difference between the two for that, in the encoded value of a channel. The halves agree by chance, too, so that
+/// the first time counts only where all samples show one kind: at an edge a third of all pixels would stop there.
 const SAME: f64 = 2.0 / 255.0;
-/// Added to a luminance before contrasts are computed: differences below it are hardly visible.
+/// The sun's points are a pixel's points in steps of this, modulo [`MOST`]: odd, so that all of them are used, and of those
+/// one after which the first 16, 32 and 64 are spread well.
+const SUN_STEP: usize = 73;
+/// Added to the brightest channel before contrasts are computed: differences below it are hardly visible.
 const DARK: f32 = 0.15;
 /// Samples of a pixel share indirect light if the cosine between their normals exceeds this ...
 const SAME_NORMAL: f32 = 0.97;
@@ -43,6 +51,16 @@ const SAME_NORMAL: f32 = 0.97;
 const SAME_PLACE: f32 = 0.35;
 /// First of the random streams of views.
 const VIEW_STREAM: u64 = 0x5EED_0001;
+
+/// When a pixel may be finished early.
+struct Even {
+    /// Number of its samples.
+    samples: usize,
+    /// Their contrast is below this.
+    contrast: f32,
+    /// True if, besides, all of them have to show the same body, in the sun or not.
+    one_kind: bool,
+}
 
 /// Camera rays in f32, from the camera's position.
 #[derive(Clone, Copy, Debug)]
@@ -89,9 +107,12 @@ pub fn take(scene: &Scene, light: &Irradiance, camera: &Camera, seed: u64, view:
     let stream = Rng::new(seed).fork(VIEW_STREAM + view);
     let (width, height) = (camera.width as usize, camera.height as usize);
     let centre = |i: usize| {
-        let ray = lens.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        let (x, y) = (i % width, i / width);
+        let ray = lens.ray(x as f64 + 0.5, y as f64 + 0.5);
         let hit = scene.world.closest(&ray);
-        (hit, sample(scene, light, &lens, &ray, hit, (0.0, 0.0), &mut None))
+        // Neighbours look at different points of the sun's rim: half shadows are not even, however wide they are.
+        let rim = disc(0.9, (x % 3 + 3 * (y % 3)) as f32 / 9.0);
+        (hit, sample(scene, light, &lens, &ray, hit, rim, &mut None))
     };
     let centres: Vec<(Option<Hit>, (Vec3, Kind))> = (0..width * height).into_par_iter().map(centre).collect();
     let pixel = |i: usize| {
@@ -129,7 +150,7 @@ fn color_of(
         for k in taken.count..enough {
             let (x, y) = spread_evenly(k, [starts[0], starts[1]]);
             // Points of the sun, in another order.
-            let (u, v) = spread_evenly(k * 53 % MOST, [starts[2], starts[3]]);
+            let (u, v) = spread_evenly(k * SUN_STEP % MOST, [starts[2], starts[3]]);
             let ray = lens.ray(pixel.0 + x, pixel.1 + y);
             let hit = scene.world.closest(&ray);
             taken.add(sample(scene, light, lens, &ray, hit, disc(u as f32, v as f32), &mut shared));
@@ -138,16 +159,16 @@ fn color_of(
     };
     let byte = |c: f64| (c * 255.0).round().clamp(0.0, 255.0) as u8;
     let mut color = DVec3::ZERO;
-    for (enough, contrast) in EVEN {
-        color = take_until(&mut taken, enough);
-        if is_even && taken.contrast() < contrast && (taken.is_one_kind || enough == EVEN[2].0) {
+    for Even { samples, contrast, one_kind } in EVEN {
+        color = take_until(&mut taken, samples);
+        if is_even && taken.contrast() < contrast && (taken.is_one_kind || !one_kind) {
             return color.to_array().map(byte);
         }
     }
     for enough in HALVES {
         let half = color;
         color = take_until(&mut taken, enough);
-        if (color - half).abs().max_element() < SAME {
+        if (color - half).abs().max_element() < SAME && (taken.is_one_kind || enough > HALVES[0]) {
             break;
         }
     }

@@ -203,7 +203,7 @@ fn pictures_hardly_depend_on_the_seed_of_their_samples() {
     let square = |(a, b): (&u8, &u8)| ((f64::from(*a) - f64::from(*b)) / 255.0).powi(2);
     let mse = a.colors.iter().zip(&b.colors).map(square).sum::<f64>() / a.colors.len() as f64;
     assert!(mse > 0.0 && -10.0 * mse.log10() > NOISE_FLOOR_DB, "{}", -10.0 * mse.log10());
-    // No pixel is finished before its samples have seen what is in it.
+    // No pixel differs by much: a few samples that agree by chance do not finish it.
     let furthest = a.colors.iter().zip(&b.colors).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
     assert!(furthest < FURTHEST, "{furthest}");
     let distinct: BTreeSet<&[u8]> = a.colors.chunks(3).collect();
@@ -211,9 +211,9 @@ fn pictures_hardly_depend_on_the_seed_of_their_samples() {
 }
 
 /// For 160x90, where every other pixel has an edge.
-const NOISE_FLOOR_DB: f64 = 41.0;
+const NOISE_FLOOR_DB: f64 = 43.5;
 /// Largest difference of a byte between the two.
-const FURTHEST: u8 = 64;
+const FURTHEST: u8 = 56;
 
 #[test]
 fn bounds_and_names() {
