@@ -149,7 +149,7 @@ impl OpenedScene {
     /// Opens a scene as [`OpenedScene::open`] does, and prints warnings about its file.
     ///
     /// # Errors
-    /// The same.
+    /// The file cannot be read, or is damaged.
     pub fn open_warned(path: &Path, memory: SceneMemory, printer: &Printer) -> Result<Self, IoError> {
         Self::open(path, memory).map(|opened| opened.warned(path, memory, printer))
     }
@@ -158,7 +158,7 @@ impl OpenedScene {
     /// same depth are blended in that order.
     ///
     /// # Errors
-    /// The same.
+    /// The file cannot be read, or is damaged.
     pub fn open_to_measure(path: &Path, memory: SceneMemory, printer: &Printer) -> Result<Self, IoError> {
         Self::open_by(path, memory, load_scene).map(|opened| opened.warned(path, memory, printer))
     }
@@ -183,7 +183,7 @@ impl OpenedScene {
 }
 
 impl CoarserViews {
-    /// Counts a view.
+    /// Counts a view that was drawn, as one with stand-ins if pages that it wants had no room.
     pub fn add(&mut self, pages: &PagesInView) {
         self.drawn += 1;
         self.coarser += usize::from(pages.without_room > 0);
