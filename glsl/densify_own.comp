@@ -41,7 +41,8 @@ layout(scalar, push_constant) uniform DensifyOwnParams {
     uint color;                // index of its colour matrix, NO_COLOR if it has none
     uint first_bound;          // the first new source Gaussian whose parameters are bound
     uint count_bound;          // new source Gaussians from there on that this dispatch has to do with
-    uint kinds;                // bits: 1 = there are offsets of SH bands above 0, 2 = of log scales, 4 = of quaternions
+    uint kinds;                // bits: 1 = there are offsets of log scales, 2 = of quaternions
+    uint rest;                 // SH coefficients above 0 that have offsets
 };
 
 // 1 / SH_C0: the coefficient of a constant colour.
@@ -63,9 +64,7 @@ vec3 constant_color() {
 }
 
 vec3 rest_offset(uint record, uint coefficient) {
-    uint degree = SH_DEGREE;
-    uint rest = (degree + 1) * (degree + 1) - 1;
-    return (kinds & 1) != 0 ? offset_sh_rest[record * rest + coefficient - 1] : vec3(0.0);
+    return coefficient <= rest ? offset_sh_rest[record * rest + coefficient - 1] : vec3(0.0);
 }
 
 void main() {
@@ -78,8 +77,8 @@ void main() {
     uint record = first_offset + firsts[first_source_before + i] - first_source;
     means[bound] += offset_means[record];
     opacity_logits[bound] += offset_opacity_logits[record];
-    if ((kinds & 2) != 0) log_scales[bound] += offset_log_scales[record];
-    if ((kinds & 4) != 0) quats[bound] += offset_quats[record];
+    if ((kinds & 1) != 0) log_scales[bound] += offset_log_scales[record];
+    if ((kinds & 2) != 0) quats[bound] += offset_quats[record];
     sh0[bound] = linear_color(sh0[bound] + offset_sh_dc[record]) + constant_color();
     uint degree = SH_DEGREE;
     if (degree > 0) {

@@ -64,7 +64,7 @@ layout(scalar, push_constant) uniform GatherGradientsParams {
 #include "work_item_of.glsl"
 #include "shape.glsl"
 
-layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // 1 = the scene has offsets of SH coefficients above 0
+layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // SH coefficients above 0 that have offsets: 0, 3, 8 or 15
 layout(constant_id = 10) const uint OWN_MAY_GROW = 0;  // 1 = instances may get Gaussians of their own
 
 // True if instances of a template differ in shape.
@@ -143,15 +143,12 @@ void add_shape(inout Sums sums, Instance instance, uint local, ShapeGradient g) 
     if (OFFSET_QUATS != 0) offset_quat_gradients[instance.first_offset + local] = by_quat;
 }
 
-// First offset coefficient above band 0 of an instance's Gaussian.
-uint first_rest(Instance instance, uint local) {
-    return (instance.first_offset + local) * ((instance.sh_degree + 1) * (instance.sh_degree + 1) - 1);
-}
-
-// True if the gradient by the instance's offsets of SH coefficients above 0 is to be written.
-bool has_rest(uint instance) {
-    if (OFFSET_SH_REST == 0) return false;
-    return instances[instance].first_offset != NO_OFFSET;
+// Writes the gradient by an instance's offset of SH coefficient `k`, from 1, if it has one and the coefficient is in use.
+void write_rest(uint instance, uint local, uint degree, uint k, vec3 gradient) {
+    if (k > OFFSET_SH_REST) return;
+    uint first_offset = instances[instance].first_offset;
+    if (first_offset == NO_OFFSET || k >= (degree + 1) * (degree + 1)) return;
+    offset_sh_rest_gradients[(first_offset + local) * OFFSET_SH_REST + k - 1] = gradient;
 }
 
 // Gradients by bands 0 to 2.
@@ -165,12 +162,7 @@ void gather_low_bands(SourceChunk chunk, uint local, uint degree) {
             vec3 color = look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].color;
             float basis[LOW_COEFFICIENTS] = low_basis(look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].direction);
             [[unroll]] for (uint k = 0; k < LOW_COEFFICIENTS; ++k) sums[k] += basis[k] * color;
-            if (has_rest(instance)) {
-                uint first = first_rest(instances[instance], local);
-                [[unroll]] for (uint k = 1; k < LOW_COEFFICIENTS; ++k) {
-                    if (k < (degree + 1) * (degree + 1)) offset_sh_rest_gradients[first + k - 1] = basis[k] * color;
-                }
-            }
+            [[unroll]] for (uint k = 1; k < LOW_COEFFICIENTS; ++k) write_rest(instance, local, degree, k, basis[k] * color);
         }
     }
     sh0_gradients[chunk.first_source + local] = sums[0];
@@ -194,9 +186,8 @@ void gather_band_3(SourceChunk chunk, uint local) {
             vec3 color = look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].color;
             float basis[BAND_3_COEFFICIENTS] = band_3_basis(look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x].direction);
             [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) sums[k] += basis[k] * color;
-            if (has_rest(instance)) {
-                uint first = first_rest(instances[instance], local) + LOW_COEFFICIENTS - 1;
-                [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) offset_sh_rest_gradients[first + k] = basis[k] * color;
+            [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) {
+                write_rest(instance, local, 3, LOW_COEFFICIENTS + k, basis[k] * color);
             }
         }
     }

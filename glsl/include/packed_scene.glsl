@@ -3,7 +3,7 @@
 #include "packed_offsets.glsl"
 layout(constant_id = 5) const uint OFFSET_LOG_SCALES = 0;  // 1 = the scene has offsets of log standard deviations
 layout(constant_id = 6) const uint OFFSET_QUATS = 0;       // 1 = the scene has offsets of quaternions
-layout(constant_id = 7) const uint OFFSET_SH_REST = 0;     // 1 = the scene has offsets of SH coefficients above 0
+layout(constant_id = 7) const uint OFFSET_SH_REST = 0;     // SH coefficients above 0 that have offsets: 0, 3, 8 or 15
 
 // The two words that hold three numbers from number `first` of an array on; GLSL passes no arrays to functions.
 #define WORDS_OF_THREE(array, first) uvec2(array[(first) >> 1], array[((first) >> 1) + 1])
@@ -72,11 +72,10 @@ vec3 sh0_of(Instance instance, uint local) {
     return own + three_halves(WORDS_OF_THREE(offset_sh_dc, 3 * record), 3 * record);
 }
 
-// `own` plus the offset of SH coefficient `c`, from 1; records hold all coefficients of the templates' degree.
+// `own` plus the offset of SH coefficient `c`, from 1.
 vec3 with_sh_offset(Instance instance, uint local, uint c, vec3 own) {
-    if (OFFSET_SH_REST != 0 && instance.first_offset != NO_OFFSET) {
-        uint rest = (instance.sh_degree + 1) * (instance.sh_degree + 1) - 1;
-        uint first = 3 * ((instance.first_offset + local) * rest + c - 1);
+    if (c <= OFFSET_SH_REST && instance.first_offset != NO_OFFSET) {
+        uint first = 3 * ((instance.first_offset + local) * OFFSET_SH_REST + c - 1);
         own += three_halves(WORDS_OF_THREE(offset_sh_rest, first), first);
     }
     return own;

@@ -1,12 +1,11 @@
 // SH bands 1 to 3 of a Gaussian of an instance: its template's, plus the instance's offset. The including file declares the
 // buffers. Scenes without offsets of these bands, which are nearly all, have kernels without their code.
-layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // 1 = the scene has offsets of SH coefficients above 0
+layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // SH coefficients above 0 that have offsets: 0, 3, 8 or 15
 
-// `own` plus the offset of SH coefficient `c`, from 1; records hold all coefficients of the templates' degree.
+// `own` plus the offset of SH coefficient `c`, from 1.
 vec3 with_sh_offset(Instance instance, uint local, uint c, vec3 own) {
-    if (OFFSET_SH_REST != 0 && instance.first_offset != NO_OFFSET) {
-        uint rest = (instance.sh_degree + 1) * (instance.sh_degree + 1) - 1;
-        own += offset_sh_rest[(instance.first_offset + local) * rest + c - 1];
+    if (c <= OFFSET_SH_REST && instance.first_offset != NO_OFFSET) {
+        own += offset_sh_rest[(instance.first_offset + local) * OFFSET_SH_REST + c - 1];
     }
     return own;
 }

@@ -57,7 +57,7 @@ pub fn compile_every_pipeline(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Va
 fn everything(sh_degree: u32) -> SceneTraits {
     SceneTraits {
         sh_degree,
-        offset_sh_rest: true,
+        offset_sh_rest: 15,
         offset_log_scales: true,
         offset_quats: true,
         color_matrices: true,

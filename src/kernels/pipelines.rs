@@ -367,7 +367,7 @@ impl BackwardPipelines {
             )?,
             gather_color_gradients: match traits.color_matrices {
                 true => {
-                    let rest = ("OFFSET_SH_REST", u32::from(traits.offset_sh_rest));
+                    let rest = ("OFFSET_SH_REST", traits.offset_sh_rest);
                     Some(compiler.compile(size, &[("SH_DEGREE", traits.sh_degree), rest, traits.windowed_constant()])?)
                 }
                 false => None,

@@ -7,8 +7,8 @@ use crate::scene::DevicePrecision;
 pub struct SceneTraits {
     /// Largest SH degree in use; kernels omit the code of higher bands.
     pub sh_degree: u32,
-    /// True if SH coefficients above 0 have offsets.
-    pub offset_sh_rest: bool,
+    /// SH coefficients above 0 that have offsets.
+    pub offset_sh_rest: u32,
     /// True if log scales have offsets.
     pub offset_log_scales: bool,
     /// True if quaternions have offsets.
@@ -35,7 +35,7 @@ impl SceneTraits {
     pub(super) fn constants(&self) -> [(&'static str, u32); 4] {
         [
             ("SH_DEGREE", self.sh_degree),
-            ("OFFSET_SH_REST", u32::from(self.offset_sh_rest)),
+            ("OFFSET_SH_REST", self.offset_sh_rest),
             ("OFFSET_LOG_SCALES", u32::from(self.offset_log_scales)),
             ("OFFSET_QUATS", u32::from(self.offset_quats)),
         ]

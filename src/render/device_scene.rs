@@ -406,9 +406,10 @@ impl DeviceScene {
 
     /// The traits of the scene that kernels for SH bands up to `sh_degree` are compiled for.
     pub fn traits(&self, sh_degree: u32) -> SceneTraits {
+        let [rest, records] = [Parameter::OffsetShRest, Parameter::OffsetMeans].map(|p| self.counts.rows[p][0]);
         SceneTraits {
             sh_degree,
-            offset_sh_rest: self.has(Parameter::OffsetShRest),
+            offset_sh_rest: (rest / records.max(1)) as u32,
             offset_log_scales: self.has(Parameter::OffsetLogScales),
             offset_quats: self.has(Parameter::OffsetQuats),
             color_matrices: self.has(Parameter::ColorFromTemplate),

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::math::similarity::Similarity;
-use crate::scene::gaussians::Gaussians;
+use crate::scene::gaussians::{Gaussians, sh_coefficients};
 use crate::scene::lod::{FittedLevel, NO_NEXT_CELL};
 use crate::scene::offsets::Offsets;
 use crate::scene::pixel_filter::PixelFilter;
@@ -187,12 +187,17 @@ impl InstancedScene {
                 return fail(&format!("offset.{field}"), format!("{len} entries where offset.means has {m}"));
             }
         }
-        let rest = self.templates.sh_coefficients() - 1;
-        for (field, len, want) in [
-            ("sh_rest", self.offsets.sh_rest.len(), m * rest),
-            ("log_scales", self.offsets.log_scales.len(), m),
-            ("quats", self.offsets.quats.len(), m),
-        ] {
+        let rest = self.offsets.sh_rest.len();
+        if !(0..=self.templates.sh_degree).any(|degree| rest == m * (sh_coefficients(degree) - 1)) {
+            let degree = self.templates.sh_degree;
+            return fail(
+                "offset.sh_rest",
+                format!("{rest} entries for {m} records, not those of a degree up to {degree}"),
+            );
+        }
+        for (field, len, want) in
+            [("log_scales", self.offsets.log_scales.len(), m), ("quats", self.offsets.quats.len(), m)]
+        {
             if len != want && len != 0 {
                 return fail(&format!("offset.{field}"), format!("{len} entries instead of {want} or none"));
             }

@@ -13,8 +13,8 @@ pub struct Offsets {
     pub sh_dc: Vec<[f32; 3]>,
     /// Added to the opacity logit.
     pub opacity_logits: Vec<f32>,
-    /// Added to SH coefficients 1.., 3 x RGB for degree 1, 8 for 2, 15 for 3 (the templates' degree), record by record;
-    /// empty without such offsets. Only for ablations: normally all instances share them.
+    /// Added to SH coefficients 1.., record by record: 3 x RGB for degree 1, 8 for 2, 15 for 3, of a degree up to the
+    /// templates'; empty without such offsets, as is usual: all instances share them.
     pub sh_rest: Vec<[f32; 3]>,
     /// Added to the log standard deviations; empty without such offsets. Only for ablations.
     pub log_scales: Vec<[f32; 3]>,
@@ -34,9 +34,19 @@ impl Offsets {
         self.means.is_empty()
     }
 
+    /// Number of SH coefficients above 0 that a record has.
+    pub fn rest_coefficients(&self) -> usize {
+        self.sh_rest.len() / self.len().max(1)
+    }
+
+    /// The SH degree up to which there are offsets; 0 = of the base colour alone.
+    pub fn sh_degree(&self) -> u32 {
+        (self.rest_coefficients() + 1).isqrt() as u32 - 1
+    }
+
     /// The SH coefficients 1.. of record `m`; empty without `sh_rest`.
     pub fn rest_of(&self, m: usize) -> &[[f32; 3]] {
-        let coefficients = self.sh_rest.len() / self.len().max(1);
+        let coefficients = self.rest_coefficients();
         &self.sh_rest[m * coefficients..][..coefficients]
     }
 

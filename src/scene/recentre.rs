@@ -52,9 +52,9 @@ impl InstancedScene {
         if !offsets.log_scales.is_empty() {
             share(&mut templates.log_scales[i], &mut offsets.log_scales, records);
         }
-        if !offsets.sh_rest.is_empty() {
-            let of_rest = |k: usize| records.iter().map(|m| m * (coefficients - 1) + k).collect::<Vec<_>>();
-            sh[1..].iter_mut().enumerate().for_each(|(k, sh)| share(sh, &mut offsets.sh_rest, &of_rest(k)));
+        let rest = offsets.rest_coefficients();
+        for (k, sh) in sh[1..].iter_mut().take(rest).enumerate() {
+            share(sh, &mut offsets.sh_rest, &records.iter().map(|m| m * rest + k).collect::<Vec<_>>());
         }
     }
 }

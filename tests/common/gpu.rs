@@ -3,7 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
-use instgs_vk::kernels::open_tuned;
+use instgs_vk::kernels::{Variant, open_tuned};
 use instgs_vk::render::{Picture, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, InstancedScene};
 
@@ -28,11 +28,36 @@ pub(crate) fn gpu() -> Option<Arc<Gpu>> {
     .clone()
 }
 
-/// The device of the tests as if a binding had at most `bytes` bytes.
+/// The device of the tests with chunks of at most 32 Gaussians, or as many as a subgroup has lanes: the small bindings that are
+/// tested hold several of these, but none of the 256 that GPUs get.
+pub(crate) fn gpu_with_small_chunks() -> Option<Arc<Gpu>> {
+    const MOST: u32 = 32;
+    static GPU: OnceLock<Option<Arc<Gpu>>> = OnceLock::new();
+    GPU.get_or_init(|| {
+        let gpu = gpu()?;
+        let picked = Variant::for_device(gpu.caps());
+        let size = MOST.max(picked.subgroup_size);
+        if picked.workgroup_size <= size {
+            return Some(gpu);
+        }
+        // A later number replaces an earlier one of the same name.
+        let others = gpu.caps().tuning.numbers().map(|(name, number)| format!("{name}={number},"));
+        let tuning = others.collect::<String>() + &format!("workgroup_size={size}");
+        Some(opened_again(&gpu, GpuOptions { tuning: tuning.parse().unwrap(), ..Default::default() }))
+    })
+    .clone()
+}
+
+/// A device of the tests as if a binding had at most `bytes` bytes.
 pub(crate) fn with_bindings_of(gpu: &Gpu, bytes: u64) -> Arc<Gpu> {
+    let tuning = gpu.caps().tuning.clone();
+    opened_again(gpu, GpuOptions { most_binding_bytes: Some(bytes), tuning, ..Default::default() })
+}
+
+/// The same device with other options, and with validation.
+fn opened_again(gpu: &Gpu, options: GpuOptions) -> Arc<Gpu> {
     let device = DeviceChoice::Name(gpu.caps().name.clone());
-    let options = GpuOptions { device, validation: true, most_binding_bytes: Some(bytes), ..Default::default() };
-    open_tuned(options).unwrap()
+    Gpu::open(&GpuOptions { device, validation: true, ..options }).unwrap()
 }
 
 /// Fails on any message of the validation layers so far.

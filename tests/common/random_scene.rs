@@ -5,6 +5,7 @@ use instgs_reference::{RenderOptions, render};
 use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, PixelFilter, SourceRange};
 
@@ -85,11 +86,12 @@ pub(crate) fn add_own_gaussians(rng: &mut Rng, case: &mut RandomCase) {
     (scene.own, scene.own_ranges) = (own, ranges);
 }
 
-/// Adds offsets of SH coefficients above 0, of scales and of quaternions to all records; of these three the kind `left_out`,
-/// from 1, is left out.
+/// Adds offsets of SH coefficients above 0 (up to some degree), of scales and of quaternions
+/// to all records; of these three the kind `left_out`, from 1, is left out.
 pub(crate) fn add_rare_offsets(rng: &mut Rng, scene: &mut InstancedScene, left_out: u64) {
     let records = scene.offsets.len();
-    let rest = scene.templates.sh_coefficients() - 1;
+    let degree = scene.templates.sh_degree.min(1 + rng.fork(1).index(3) as u32);
+    let rest = sh_coefficients(degree) - 1;
     let mut vectors =
         |count: usize, deviation: f64| (0..count).map(|_| narrowed(deviation * rng.normal_vector())).collect();
     scene.offsets.sh_rest = if left_out == 1 { Vec::new() } else { vectors(records * rest, 0.1) };

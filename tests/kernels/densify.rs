@@ -259,11 +259,12 @@ pub(crate) fn instanced_case(seed: u64, sh_degree: u32) -> (InstancedScene, Case
     let of = |range: std::ops::Range<usize>| case.cloud.filtered(|i| range.contains(&i));
     let template_ranges = vec![SourceRange { first: 0, count: 300 }, SourceRange { first: 300, count: 150 }];
     let mut offsets = Offsets::default();
+    let of_offsets = sh_degree.min(1 + seed as u32 % 3);
     for _ in 0..300 + 150 + 300 {
         offsets.means.push([(); 3].map(|()| rng.normal() as f32));
         offsets.sh_dc.push([(); 3].map(|()| rng.normal() as f32));
         offsets.opacity_logits.push(if rng.chance(0.2) { 4.0 } else { rng.range(-0.1, 0.1) as f32 });
-        offsets.sh_rest.extend((1..sh_coefficients(sh_degree)).map(|_| [(); 3].map(|()| rng.normal() as f32)));
+        offsets.sh_rest.extend((1..sh_coefficients(of_offsets)).map(|_| [(); 3].map(|()| rng.normal() as f32)));
         offsets.log_scales.push([(); 3].map(|()| rng.normal() as f32));
     }
     let instances = [(0, Some(450)), (1, Some(300)), (0, None), (0, Some(0)), (0, Some(0))];
@@ -329,8 +330,8 @@ fn templates_grow_and_offsets_follow() {
         assert_eq!((got.templates.len(), got.background.len()), (templates, want.origins.len() - templates));
         let records = |scene: &InstancedScene, k: usize, local: usize| {
             let first = scene.instances[k].first_offset? as usize + local;
-            let rest = scene.templates.sh_coefficients() - 1;
             let o = &scene.offsets;
+            let rest = o.rest_coefficients();
             let shape = (o.log_scales[first], o.sh_rest[rest * first..rest * (first + 1)].to_vec());
             Some((o.means[first], o.sh_dc[first], o.opacity_logits[first], shape))
         };

@@ -10,7 +10,7 @@ use instgs_vk::render::{PagedScene, RenderOptions, Renderer};
 use instgs_vk::scene::lod::pages::PagedBackground;
 use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, Instance, InstancedScene, SourceRange};
 
-use crate::common::gpu::{alpha, assert_silent, gpu, with_bindings_of};
+use crate::common::gpu::{alpha, assert_silent, gpu_with_small_chunks, with_bindings_of};
 use crate::common::random_scene::rare_case;
 
 /// What is on the ground.
@@ -78,7 +78,7 @@ fn rows_of(paged: &PagedBackground, scene: &PagedScene, page: u32) -> Gaussians 
 
 #[test]
 fn pictures_are_those_of_one_piece_whatever_was_there_before() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let (even, odd) = (Posed::Instances { odd: false }, Posed::Instances { odd: true });
     let mut evicted = 0;
     for (seed, posed, sh_degree, precision) in [
@@ -147,7 +147,7 @@ fn compare(gpu: &Arc<Gpu>, scene: &InstancedScene, precision: DevicePrecision) -
 /// With room for everything, an error of 0 is full quality; before any page came, nothing is a hole.
 #[test]
 fn stand_ins_leave_no_hole_and_all_pages_are_full_quality() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let mut renderer = Renderer::new(&gpu).unwrap();
     let scene = scene(5, Posed::Instances { odd: false }, 2);
     let paged = PagedBackground::of(&scene.background);
@@ -184,7 +184,7 @@ fn stand_ins_leave_no_hole_and_all_pages_are_full_quality() {
 
 #[test]
 fn pages_that_do_not_fit_are_refused() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let renderer = Renderer::new(&gpu).unwrap();
     let scene = InstancedScene {
         template_ranges: vec![SourceRange { first: 0, count: 1 }],

@@ -16,7 +16,7 @@ use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use instgs_vk::scene::{Camera, DevicePrecision, Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 use crate::backward::{compare, cotangents};
-use crate::common::gpu::{assert_silent, gpu, with_bindings_of};
+use crate::common::gpu::{assert_silent, gpu_with_small_chunks, with_bindings_of};
 use crate::common::gpu_gradients::GradientRunner;
 use crate::common::random_scene::{RandomCase, rare_case};
 use crate::common::tensor::TensorComparison;
@@ -83,7 +83,7 @@ fn scene(seed: u64, degrees: [u32; 2], counts: [u32; 2]) -> InstancedScene {
 
 #[test]
 fn pictures_in_windows_have_the_same_bytes() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let small = with_bindings_of(&gpu, 2 << 20);
     let camera = Camera::look_at("ahead", DVec3::new(0.3, -0.2, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, (72, 56));
     let (mut whole, mut windowed) = (Renderer::new(&gpu).unwrap(), Renderer::new(&small).unwrap());
@@ -131,7 +131,7 @@ fn pictures_in_windows_have_the_same_bytes() {
 /// a frame takes besides stays within the budget.
 #[test]
 fn scenes_larger_than_the_memory_stay_on_the_host() {
-    let Some(shared) = gpu() else { return };
+    let Some(shared) = gpu_with_small_chunks() else { return };
     let gpu = with_bindings_of(&shared, u64::MAX);
     let scene = scene(1, [3, 3], [9000, 3000]);
     let camera = Camera::look_at("ahead", DVec3::new(0.3, -0.2, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, (72, 56));
@@ -209,7 +209,7 @@ fn with_large_template(scene: &InstancedScene, seed: u64) -> InstancedScene {
 /// on lavapipe: no difference.
 #[test]
 fn gradients_in_windows_are_the_same() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let small = with_bindings_of(&gpu, 160 << 10);
     let variant = Variant::for_training(gpu.caps());
     let [mut whole, mut windowed] = [&gpu, &small].map(|gpu| GradientRunner::new(gpu, variant));
@@ -252,7 +252,7 @@ fn gradients_in_windows_are_the_same() {
 /// Steps in two windows: the same bytes twice, and the losses of steps in one up to rounding.
 #[test]
 fn training_in_windows_is_repeatable_and_learns() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let small = with_bindings_of(&gpu, 160 << 10);
     let (truth, start, target) = instanced();
     let data = Data::of(&with_many_more(&truth, 5), target);
@@ -275,7 +275,7 @@ fn training_in_windows_is_repeatable_and_learns() {
 /// Both strategies with bindings of 160 KiB, and clouds that grow from one window, or from two, into more.
 #[test]
 fn growth_in_windows_has_the_same_bytes() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let small = with_bindings_of(&gpu, 160 << 10);
     for (seed, count) in [(81, 1700), (82, 2500)] {
         let case = densify::random_case(seed, count, 3);
@@ -297,7 +297,7 @@ fn growth_in_windows_has_the_same_bytes() {
 /// than a binding.
 #[test]
 fn scenes_of_instances_grow_in_windows() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let small = with_bindings_of(&gpu, 256 << 10);
     let more = densify::random_case(91, 3700, 2);
     for of_template in [false, true] {
@@ -343,7 +343,7 @@ fn scenes_of_instances_grow_in_windows() {
 /// What does not fit a binding is refused, not bound in part.
 #[test]
 fn whole_buffers_have_to_fit_a_binding() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = gpu_with_small_chunks() else { return };
     let small = with_bindings_of(&gpu, 160 << 10);
     let mut large = Buffer::<u32>::in_parts(&small, "large", 41_000, Home::Device).unwrap();
     let mut recorder = Recorder::new(&small).unwrap();

@@ -106,7 +106,7 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
     let (_folder, at) = folder();
     let sets = [
         "checkpoint_every=10",
-        "offsets.sh_rest=true",
+        "offsets.sh_degree=3",
         "offsets.covariance=true",
         "densify.start=15",
         "densify.every=10",

@@ -223,12 +223,18 @@ fn an_instance_with_offsets_costs_28_bytes_a_gaussian() {
 
 #[test]
 fn offsets_of_shape_and_sh_are_in_the_file() {
+    (1..=3).for_each(offsets_are_in_the_file);
+}
+
+/// With offsets up to an SH degree.
+fn offsets_are_in_the_file(sh_degree: u32) {
     let mut scene = scene();
     scene.instances.truncate(1);
     scene.background = Gaussians::default();
     scene.offsets.log_scales = vec![[0.2, -0.1, 0.0]; 19];
     scene.offsets.quats = vec![[0.1, 0.3, 0.0, -0.2]; 19];
-    scene.offsets.sh_rest = vec![[0.5, 0.0, -0.5]; 19 * 15];
+    let rest = sh_coefficients(sh_degree) - 1;
+    scene.offsets.sh_rest = vec![[0.5, 0.0, -0.5]; 19 * rest];
     // The same scene with the offsets added to the template.
     let mut baked = scene.clone();
     baked.offsets = Offsets { log_scales: Vec::new(), quats: Vec::new(), sh_rest: Vec::new(), ..baked.offsets };
@@ -236,13 +242,13 @@ fn offsets_of_shape_and_sh_are_in_the_file() {
     let add = |a: &mut f32, b: f32| *a += b;
     templates.log_scales.iter_mut().for_each(|s| s.iter_mut().zip([0.2, -0.1, 0.0]).for_each(|(a, b)| add(a, b)));
     templates.quats.iter_mut().for_each(|q| q.iter_mut().zip([0.1, 0.3, 0.0, -0.2]).for_each(|(a, b)| add(a, b)));
-    for (c, sh) in templates.sh.iter_mut().enumerate().filter(|(c, _)| c % 16 != 0) {
+    for (c, sh) in templates.sh.iter_mut().enumerate().filter(|(c, _)| (1..=rest).contains(&(c % 16))) {
         assert!(c > 0);
         sh.iter_mut().zip([0.5, 0.0, -0.5]).for_each(|(a, b)| add(a, b));
     }
     let (_, splats) = read_world(&written(&scene, DVec3::NEG_Y));
     let worst = differences(&splats, &baked.flatten());
-    assert!(worst.iter().all(|&w| w < 3e-6), "{worst:?}");
+    assert!(worst.iter().all(|&w| w < 3e-6), "degree {sh_degree}: {worst:?}");
 }
 
 #[test]

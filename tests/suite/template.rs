@@ -253,7 +253,7 @@ fn unrelated_objects_are_a_poor_match() {
 #[test]
 fn template_plus_offset_is_an_own_gaussian() {
     let input = lumps(1, &[300, 280, 310]);
-    let kinds = OffsetKinds { sh_rest: true, covariance: true, ..OffsetKinds::default() };
+    let kinds = OffsetKinds { sh_degree: 3, covariance: true, ..OffsetKinds::default() };
     let built = build_one(&input, &TemplateOptions { kinds, ..TemplateOptions::default() });
     built.scene.validate().unwrap();
     let (template, offsets) = (&built.scene.templates, &built.scene.offsets);
@@ -300,7 +300,7 @@ fn template_plus_offset_is_an_own_gaussian() {
 #[test]
 fn only_wanted_kinds_differ() {
     let input = lumps(2, &[200, 200]);
-    let none = OffsetKinds { position: false, sh_dc: false, opacity: false, sh_rest: false, covariance: false };
+    let none = OffsetKinds { position: false, sh_dc: false, opacity: false, sh_degree: 0, covariance: false };
     for kind in 0..4 {
         let kinds = OffsetKinds { position: kind == 1, sh_dc: kind == 2, opacity: kind == 3, ..none };
         let scene = build_one(&input, &TemplateOptions { kinds, ..TemplateOptions::default() }).scene;

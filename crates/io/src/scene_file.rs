@@ -447,7 +447,10 @@ impl<'a> Reader<'a> {
                 Some(OffsetRanges::from_values(segments, &values))
             }
         };
-        let rest = scene.templates.sh_coefficients() - 1;
+        // Of any degree up to the templates'; another shape is an error.
+        let mut of_degrees = (0..=scene.templates.sh_degree).map(|degree| sh_coefficients(degree) - 1);
+        let stored = self.shape_of(SH_REST)?.map(|(_, numbers)| numbers / 3);
+        let rest = of_degrees.find(|&rest| Some(rest) == stored).unwrap_or(scene.templates.sh_coefficients() - 1);
         Ok(Offsets {
             means: in_rows(self.channels(MEANS, &[3], m, &ranges, 0)?),
             sh_dc: in_rows(self.channels(SH_DC, &[3], m, &ranges, 3)?),

@@ -1,7 +1,7 @@
 use super::*;
 use crate::scene_pack::floats;
 use crate::scene_write::{assemble, scene_file_bytes, u32s};
-use instgs_samples::{sample, sample_scene, with_ablations, with_levels, with_own};
+use instgs_samples::{sample, sample_scene, with_ablations, with_levels, with_low_sh_offsets, with_own};
 
 #[test]
 fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoError> {
@@ -10,8 +10,16 @@ fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoEr
     let mut colored = sample_scene();
     let matrix = |k: usize| [0, 1, 2].map(|r| [0, 1, 2, 3].map(|c| (100 * k + 10 * r + c) as f32));
     colored.color_from_template = (0..4).map(matrix).collect();
-    let scenes =
-        [sample_scene(), with_ablations(), colored, with_own(), with_levels(), InstancedScene::default(), cloud];
+    let scenes = [
+        sample_scene(),
+        with_ablations(),
+        with_low_sh_offsets(),
+        colored,
+        with_own(),
+        with_levels(),
+        InstancedScene::default(),
+        cloud,
+    ];
     for scene in scenes {
         let bytes = scene_file_bytes(&scene, path)?;
         for _ in 0..5 {
@@ -83,7 +91,7 @@ fn errors_name_the_tensor_and_the_reason() {
     assert!(ranges.contains("offset.range") && ranges.contains("[3, 7, 2]"), "{ranges}");
     let packed = text(changed(|t, _| drop(t.insert("template.quats".into(), bytes(&[5, 4])))));
     assert!(packed.contains("template.quats: has the type U8"), "{packed}");
-    let rest = text(changed(|t, _| drop(t.insert("offset.sh_rest".into(), floats(&[8, 3, 3], &[0.0; 72])))));
+    let rest = text(changed(|t, _| drop(t.insert("offset.sh_rest".into(), floats(&[8, 4, 3], &[0.0; 96])))));
     assert!(rest.contains("offset.sh_rest") && rest.contains("[8, 8, 3]"), "{rest}");
     let colors = text(changed(|t, _| {
         drop(t.insert("instance.color_from_template".into(), floats(&[3, 3, 4], &[0.0; 36])));

@@ -236,7 +236,7 @@ fn put_offsets(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {
     if any_bytes {
         put("offset.range", ranges.tensor());
     }
-    let rest = scene.templates.sh_coefficients() - 1;
+    let rest = scene.offsets.rest_coefficients();
     for (name, shape, values) in [
         ("offset.sh_rest", &[m, rest, 3][..], sh_rest.as_flattened()),
         ("offset.log_scales", &[m, 3], log_scales.as_flattened()),

@@ -6,7 +6,7 @@ use crate::scene_file::parse_scene_file;
 use crate::small::Sensitivity;
 use glam::DMat3;
 use instgs_samples::sample;
-use instgs_samples::{sample_scene, with_ablations, with_own};
+use instgs_samples::{sample_scene, with_ablations, with_low_sh_offsets, with_own};
 use instgs_vk::math::covariance::covariance;
 use instgs_vk::math::log_covariance::{Shape, log_covariance};
 use instgs_vk::math::opponent::opponent_from_rgb;
@@ -82,7 +82,14 @@ fn covariance_difference(a: &[DMat3], b: &[DMat3]) -> f64 {
 
 #[test]
 fn small_keeps_half_a_step() -> Result<(), IoError> {
-    for scene in [sample_scene(), with_ablations(), with_own(), repeated(3, 20), InstancedScene::default()] {
+    for scene in [
+        sample_scene(),
+        with_ablations(),
+        with_low_sh_offsets(),
+        with_own(),
+        repeated(3, 20),
+        InstancedScene::default(),
+    ] {
         let back = through(&scene, Pack::Small)?;
         assert_eq!(
             (&back.instances, &back.groups, &back.foreign_tensors, &back.template_ranges, &back.own_ranges),

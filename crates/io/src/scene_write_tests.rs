@@ -3,7 +3,7 @@
 use super::*;
 use crate::scene_file::parse_scene_file;
 use instgs_samples::sample;
-use instgs_samples::{sample_scene, with_ablations, with_levels, with_own};
+use instgs_samples::{sample_scene, with_ablations, with_levels, with_low_sh_offsets, with_own};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::instanced_scene::{Instance, SourceRange};
@@ -47,7 +47,14 @@ pub(super) fn difference(a: &[f32], b: &[f32], scale: f32) -> f32 {
 
 #[test]
 fn f16_keeps_eleven_bits_and_means_and_poses_whole() -> Result<(), IoError> {
-    for scene in [sample_scene(), with_ablations(), with_own(), repeated(3, 20), InstancedScene::default()] {
+    for scene in [
+        sample_scene(),
+        with_ablations(),
+        with_low_sh_offsets(),
+        with_own(),
+        repeated(3, 20),
+        InstancedScene::default(),
+    ] {
         let bytes = packed_scene_file_bytes(&scene, Pack::F16, path())?;
         let back = parse_scene_file(&bytes, path())?;
         assert_eq!(packed_scene_file_bytes(&back, Pack::F16, path())?, bytes, "a second packing loses more");

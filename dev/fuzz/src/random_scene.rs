@@ -29,7 +29,7 @@ pub(crate) fn scene(u: &mut Unstructured<'_>) -> Result<InstancedScene> {
             .into_iter()
             .map(|row| std::array::from_fn(|i| std::array::from_fn(|j| row[4 * i + j])))
             .collect(),
-        offsets: offsets(u, records, sh_coefficients(degree) - 1)?,
+        offsets: offsets(u, records, degree)?,
         templates,
         template_ranges,
         instances,
@@ -80,8 +80,9 @@ fn cloud(u: &mut Unstructured<'_>, sh_degree: u32, most: usize) -> Result<Gaussi
     })
 }
 
-fn offsets(u: &mut Unstructured<'_>, records: usize, rest: usize) -> Result<Offsets> {
+fn offsets(u: &mut Unstructured<'_>, records: usize, of_template: u32) -> Result<Offsets> {
     let full = u.ratio(1, 3)?;
+    let rest = sh_coefficients(u.int_in_range(0..=of_template)?) - 1;
     let extra = if full { records } else { 0 };
     Ok(Offsets {
         means: rows(u, records)?,

@@ -100,7 +100,7 @@ impl Tensor {
             Self::Sh(Cloud::Templates) => 3 * scene.templates.sh_coefficients(),
             Self::Sh(Cloud::Own) => 3 * scene.own.sh_coefficients(),
             Self::Sh(Cloud::Background) => 3 * scene.background.sh_coefficients(),
-            Self::PerInstance(Parameter::OffsetShRest) => 3 * (scene.templates.sh_coefficients() - 1),
+            Self::PerInstance(Parameter::OffsetShRest) => 3 * scene.offsets.rest_coefficients(),
             Self::PerInstance(parameter) => parameter.width(),
             Self::WorldFromTemplate => 12,
             Self::Poses => 7,

@@ -78,15 +78,22 @@ impl CloudGradient {
     }
 }
 
-/// Adds what one (instance, Gaussian) pair contributes to row `row` of everything that `owner` has.
-fn add_per_instance(sums: &mut ParameterSet<Vec<f64>>, owner: Owner, row: usize, gradient: &SourceGradient) {
+/// Adds what one (instance, Gaussian) pair contributes to row `row` of everything that `owner` has; `rest` SH coefficients above
+/// 0 have offsets.
+fn add_per_instance(
+    sums: &mut ParameterSet<Vec<f64>>,
+    owner: Owner,
+    row: usize,
+    rest: usize,
+    gradient: &SourceGradient,
+) {
     let flat = |colors: &[DVec3]| colors.iter().flat_map(|color| color.to_array()).collect();
     for (parameter, sums) in sums.iter_mut().filter(|(parameter, _)| parameter.owner() == owner) {
         let values: Vec<f64> = match parameter {
             Parameter::OffsetMeans => gradient.mean_template.to_array().into(),
             Parameter::OffsetShDc => flat(&gradient.sh[..1]),
             Parameter::OffsetOpacityLogits => vec![gradient.opacity_logit],
-            Parameter::OffsetShRest => flat(&gradient.sh[1..]),
+            Parameter::OffsetShRest => flat(&gradient.sh[1..=rest]),
             Parameter::OffsetLogScales => gradient.log_scales.to_array().into(),
             Parameter::OffsetQuats => gradient.quat.into(),
             Parameter::ColorFromTemplate => gradient.color_from_template.as_flattened().into(),
@@ -136,6 +143,7 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
         instances: vec![[[0.0; 4]; 3]; scene.instances.len()],
         poses: Vec::new(),
     };
+    let rest = scene.offsets.rest_coefficients();
     let mut in_flat_order = gradients.iter();
     for (k, (instance, d_placement)) in scene.instances.iter().zip(&mut out.instances).enumerate() {
         let range = scene.template_ranges[instance.template as usize];
@@ -143,9 +151,10 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
             let Some(Some(gradient)) = in_flat_order.next() else { continue };
             out.templates.add((range.first + local) as usize, gradient);
             d_placement.iter_mut().zip(gradient.world_from_template).for_each(|(sum, row)| add(sum, row));
-            add_per_instance(&mut out.per_instance, Owner::Instance, k, gradient);
+            add_per_instance(&mut out.per_instance, Owner::Instance, k, rest, gradient);
             if let Some(first) = instance.first_offset {
-                add_per_instance(&mut out.per_instance, Owner::Offset, (first + local) as usize, gradient);
+                let record = (first + local) as usize;
+                add_per_instance(&mut out.per_instance, Owner::Offset, record, rest, gradient);
             }
         }
         for i in scene.own_range(k).indices() {

@@ -174,8 +174,7 @@ pub(super) fn push_sources(
 
 /// Adds the ablation offsets, of SH coefficients above 0 and of shape, if the scene has them.
 fn add_rare_offsets(source: &mut SourceGaussian, offsets: &Offsets, record: usize) {
-    let rest = source.sh.len() - 1;
-    for (sh, &offset) in source.sh[1..].iter_mut().zip(offsets.sh_rest.iter().skip(record * rest)) {
+    for (sh, &offset) in source.sh[1..].iter_mut().zip(offsets.rest_of(record)) {
         *sh += widened(offset);
     }
     source.log_scales += offsets.log_scales.get(record).map_or(DVec3::ZERO, |&offset| widened(offset));

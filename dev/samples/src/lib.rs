@@ -93,6 +93,13 @@ pub fn with_levels() -> InstancedScene {
     InstancedScene { fitted_levels: vec![level(0, 0.5, 2), level(0, 1.0, 1), level(1, 0.75, 1)], ..scene }
 }
 
+/// The sample scene with offsets of SH degree 1, which is below that of the templates.
+pub fn with_low_sh_offsets() -> InstancedScene {
+    let mut scene = sample_scene();
+    scene.offsets.sh_rest = sample(1, 8).sh.chunks(4).flat_map(|record| record[1..].to_vec()).collect();
+    scene
+}
+
 /// The sample scene with all kinds of offsets.
 pub fn with_ablations() -> InstancedScene {
     let mut scene = sample_scene();

@@ -224,13 +224,13 @@ fn mirrored_runs(
         let count = scene.template_ranges[template as usize].count;
         *copy = offset_runs::append(scene, Some(first), count);
         let run = *copy as usize..(*copy + count) as usize;
-        let rest = scene.templates.sh_coefficients() - 1;
         let offsets = &mut scene.offsets;
+        let rest = offsets.rest_coefficients();
         offsets.means[run.clone()].iter_mut().for_each(|mean| mean[0] = -mean[0]);
         if !offsets.quats.is_empty() {
             offsets.quats[run.clone()].iter_mut().for_each(mirror_quat);
         }
-        if !offsets.sh_rest.is_empty() {
+        if rest > 0 {
             let of_run = &mut offsets.sh_rest[rest * run.start..rest * run.end];
             of_run.chunks_exact_mut(rest).for_each(|sh| mirror_sh(sh, 1));
         }

@@ -52,9 +52,8 @@ impl ShownCloud {
             out.means.push(minus(own.mean, of_template.means[i]));
             out.sh_dc.push(minus(own.sh[0], of_template.sh_of(i)[0]));
             out.opacity_logits.push(own.opacity_logit - of_template.opacity_logits[i]);
-            if !kinds.sh_rest.is_empty() {
-                out.sh_rest.extend(own.sh[1..].iter().zip(&of_template.sh_of(i)[1..]).map(|(&a, &b)| minus(a, b)));
-            }
+            let rest = own.sh.iter().zip(of_template.sh_of(i)).skip(1).take(kinds.rest_coefficients());
+            out.sh_rest.extend(rest.map(|(&a, &b)| minus(a, b)));
             if !kinds.log_scales.is_empty() {
                 out.log_scales.push(minus(log_scales, of_template.log_scales[i]));
             }

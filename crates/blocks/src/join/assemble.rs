@@ -108,7 +108,10 @@ impl Builder {
                 // Adopted instances have no colour matrix: their offsets carry what it did.
                 sh_dc: has_offsets || has_colors,
                 opacity: has_offsets,
-                sh_rest: any(&|scene| !scene.offsets.sh_rest.is_empty()) || (has_colors && degree > 0),
+                sh_degree: match has_colors {
+                    true => degree,
+                    false => scenes.iter().map(|scene| scene.offsets.sh_degree()).max().unwrap_or(0),
+                },
                 covariance: any(&|scene| !scene.offsets.quats.is_empty()),
             },
             has_own: any(&|scene| !scene.own.is_empty()),
@@ -165,13 +168,7 @@ impl Builder {
         let count = from.template_ranges[used.template].count;
         let there = self.scene.offsets.len() as u32;
         for m in first..first + count {
-            push_record(
-                &mut self.scene.offsets,
-                &from.offsets,
-                m as usize,
-                self.kinds,
-                self.scene.templates.sh_coefficients(),
-            );
+            push_record(&mut self.scene.offsets, &from.offsets, m as usize, self.kinds, self.scene.templates.sh_degree);
         }
         self.moved.insert((used.block, first), there);
         there
@@ -186,13 +183,7 @@ impl Builder {
         if !adopted.offsets.is_empty() {
             instance.first_offset = Some(self.scene.offsets.len() as u32);
             (0..adopted.offsets.len()).for_each(|m| {
-                push_record(
-                    &mut self.scene.offsets,
-                    &adopted.offsets,
-                    m,
-                    self.kinds,
-                    self.scene.templates.sh_coefficients(),
-                );
+                push_record(&mut self.scene.offsets, &adopted.offsets, m, self.kinds, self.scene.templates.sh_degree);
             });
         }
         self.scene.own.append(&adopted.own);
@@ -201,17 +192,14 @@ impl Builder {
 }
 
 /// Appends a record, with zeros for kinds that its scene has not.
-fn push_record(out: &mut Offsets, from: &Offsets, m: usize, kinds: OffsetKinds, sh_coefficients: usize) {
+fn push_record(out: &mut Offsets, from: &Offsets, m: usize, kinds: OffsetKinds, of_templates: u32) {
     out.means.push(from.means[m]);
     out.sh_dc.push(from.sh_dc[m]);
     out.opacity_logits.push(from.opacity_logits[m]);
-    if kinds.sh_rest {
-        let rest = sh_coefficients - 1;
-        match from.sh_rest.is_empty() {
-            true => out.sh_rest.resize(out.sh_rest.len() + rest, [0.0; 3]),
-            false => out.sh_rest.extend_from_slice(from.rest_of(m)),
-        }
-    }
+    let rest = kinds.rest_coefficients(of_templates);
+    let end = out.sh_rest.len() + rest;
+    out.sh_rest.extend(from.rest_of(m).iter().take(rest));
+    out.sh_rest.resize(end, [0.0; 3]);
     if kinds.covariance {
         out.log_scales.push(from.log_scales.get(m).copied().unwrap_or_default());
         out.quats.push(from.quats.get(m).copied().unwrap_or_default());

@@ -138,10 +138,9 @@ impl<'a> MeshWriter<'a> {
         self.attribute(&splat("ROTATION"), part, own_quats, rotation, out)
     }
 
-    /// Adds SH of degree 1 and more: the template's, unless the scene has offsets of them.
+    /// Adds SH of degree 1 and more: the template's, but for coefficients that the scene has offsets of.
     fn sh_rest_attributes(&mut self, part: Part<'a>, out: &mut BTreeMap<String, usize>) -> Result<(), String> {
         let (cloud, offsets) = (part.cloud, &self.scene.offsets);
-        let own = part.first_offset.filter(|_| !offsets.sh_rest.is_empty());
         let mut rest = 0;
         for degree in 1..=cloud.sh_degree {
             for coefficient in 0..=2 * degree {
@@ -149,6 +148,7 @@ impl<'a> MeshWriter<'a> {
                     let d_sh = o.map_or(DVec3::ZERO, |o| widened(offsets.rest_of(o)[rest]));
                     (widened(cloud.sh_of(i)[1 + rest]) + d_sh).to_array()
                 };
+                let own = part.first_offset.filter(|_| rest < offsets.rest_coefficients());
                 self.attribute(&splat(&format!("SH_DEGREE_{degree}_COEF_{coefficient}")), part, own, value, out)?;
                 rest += 1;
             }

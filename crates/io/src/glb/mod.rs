@@ -85,14 +85,16 @@ pub fn write_glb(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(), I
 pub fn glb_data_bytes(scene: &InstancedScene) -> u64 {
     let scene = &*scene.with_colors_in_offsets();
     let offsets = &scene.offsets;
-    let sh_rest = 12 * (scene.templates.sh_coefficients() as u64 - 1);
+    let own_rest = 12 * offsets.rest_coefficients() as u64;
+    let shared_rest = 12 * (scene.templates.sh_coefficients() as u64 - 1) - own_rest;
     // Bytes per Gaussian, and whether each run of offsets has its own: position, opacity and SH 0; scale; rotation;
-    // other SH.
+    // other SH with offsets and without.
     let attributes = [
         (28, true),
         (12, !offsets.log_scales.is_empty()),
         (16, !offsets.quats.is_empty()),
-        (sh_rest, !offsets.sh_rest.is_empty()),
+        (own_rest, true),
+        (shared_rest, false),
     ];
     let accessor_bytes = |(bytes, owned): (u64, bool)| -> u64 {
         let key = |i: &Instance| (i.template, i.first_offset.filter(|_| owned));

@@ -16,6 +16,7 @@ use instgs_vk::math::covariance::{covariance, quat_from_rotation};
 use instgs_vk::math::eigen::symmetric_eigen;
 use instgs_vk::math::sh::{ShRotation, widened};
 use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::gaussians::{MAX_SH_DEGREE, sh_coefficients};
 use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 /// A mesh of Gaussians as a node places it.
@@ -84,11 +85,15 @@ pub(super) fn scene_of(
         }
     }
     users.retain(|_, users| users.len() > 1);
-    let differ = |users: &Vec<&Attributes>| users.iter().any(|user| user.sh_rest != users[0].sh_rest);
+    // SH coefficients above 0 up to the last one in which an instance differs from its template.
+    let differ = |users: &Vec<&Attributes>| {
+        let of_user = |user: &&Attributes| user.sh_rest.iter().zip(&users[0].sh_rest).rposition(|(a, b)| a != b);
+        users.iter().filter_map(of_user).max().map_or(0, |last| last + 1)
+    };
     let mut builder = Builder {
         values,
         sh_degree: users.values().flatten().map(|user| user.sh_degree()).max().unwrap_or(0),
-        has_sh_offsets: users.values().any(differ),
+        rest_offsets: whole_bands(users.values().map(differ).max().unwrap_or(0)),
         templates: BTreeMap::new(),
         scene: InstancedScene::default(),
     };
@@ -149,8 +154,8 @@ struct Builder<'a> {
     values: &'a Values<'a>,
     /// SH degree of the templates.
     sh_degree: u32,
-    /// Whether any instance has SH coefficients above 0 that differ from its template's.
-    has_sh_offsets: bool,
+    /// SH coefficients above 0 in which instances differ from their templates, and the rest of their band.
+    rest_offsets: usize,
     templates: BTreeMap<Shape, Template>,
     scene: InstancedScene,
 }
@@ -172,7 +177,7 @@ impl Builder<'_> {
                 let mut shown = self.values.cloud(attributes)?;
                 shown.set_sh_degree(self.sh_degree);
                 let first = Some(self.scene.offsets.len() as u32);
-                push_offsets(&mut self.scene.offsets, &template.cloud, &shown, self.has_sh_offsets);
+                push_offsets(&mut self.scene.offsets, &template.cloud, &shown, self.rest_offsets);
                 template.runs.insert(attributes.clone(), first);
                 first
             }
@@ -190,8 +195,14 @@ fn new_template(scene: &mut InstancedScene, attributes: &Attributes, cloud: Gaus
     Template { index, cloud, runs: BTreeMap::from([(attributes.clone(), None)]) }
 }
 
-/// Appends the differences of an instance's cloud from its template's, which has as many Gaussians.
-fn push_offsets(offsets: &mut Offsets, template: &Gaussians, shown: &Gaussians, with_sh_rest: bool) {
+/// The number of SH coefficients above 0 up to the end of the band of the last of `count`.
+fn whole_bands(count: usize) -> usize {
+    (0..=MAX_SH_DEGREE).map(|degree| sh_coefficients(degree) - 1).find(|&rest| rest >= count).unwrap_or(count)
+}
+
+/// Appends the differences of an instance's cloud from its template's, which has as many Gaussians; of `rest` SH coefficients above
+/// 0, since they agree in the others.
+fn push_offsets(offsets: &mut Offsets, template: &Gaussians, shown: &Gaussians, rest: usize) {
     let difference = |(a, b): (&[f32; 3], &[f32; 3])| (widened(*a) - widened(*b)).to_array().map(|v| v as f32);
     offsets.means.extend(shown.means.iter().zip(&template.means).map(difference));
     let logits = shown.opacity_logits.iter().zip(&template.opacity_logits);
@@ -199,9 +210,7 @@ fn push_offsets(offsets: &mut Offsets, template: &Gaussians, shown: &Gaussians, 
     for i in 0..template.len() {
         let mut sh = shown.sh_of(i).iter().zip(template.sh_of(i)).map(difference);
         offsets.sh_dc.extend(sh.next());
-        if with_sh_rest {
-            offsets.sh_rest.extend(sh);
-        }
+        offsets.sh_rest.extend(sh.take(rest));
     }
 }
 

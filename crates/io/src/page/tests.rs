@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Read;
 
 use flate2::read::DeflateDecoder;
-use instgs_samples::{ring, sample_scene, with_ablations, with_levels, with_own};
+use instgs_samples::{ring, sample_scene, with_ablations, with_levels, with_low_sh_offsets, with_own};
 use instgs_vk::scene::instanced_scene::Group;
 
 use super::base85::bytes_of_base85;
@@ -36,7 +36,7 @@ fn element<'a>(page: &'a str, id: &str) -> &'a str {
 
 #[test]
 fn holds_the_packed_scene_and_is_the_same_each_time() -> Result<(), Box<dyn Error>> {
-    for scene in [sample_scene(), with_ablations(), with_own(), InstancedScene::default()] {
+    for scene in [sample_scene(), with_ablations(), with_low_sh_offsets(), with_own(), InstancedScene::default()] {
         for pack in [Pack::F32, Pack::F16, Pack::Q8, Pack::Small] {
             let text = page("x.html", &scene, &options(pack))?;
             assert_eq!(text, page("x.html", &scene, &options(pack))?);

@@ -58,9 +58,7 @@ fn push_zeros(template: &TemplateCloud, options: &TemplateOptions, out: &mut Off
     out.means.resize(len, [0.0; 3]);
     out.sh_dc.resize(len, [0.0; 3]);
     out.opacity_logits.resize(len, 0.0);
-    if options.kinds.sh_rest {
-        out.sh_rest.resize(len * (template.gaussians.sh_coefficients() - 1), [0.0; 3]);
-    }
+    out.sh_rest.resize(len * options.kinds.rest_coefficients(template.gaussians.sh_degree), [0.0; 3]);
     if options.kinds.covariance {
         out.log_scales.resize(len, [0.0; 3]);
         out.quats.resize(len, [0.0; 4]);
@@ -104,8 +102,8 @@ impl Record<'_> {
             out.opacity_logits[index] = matched.opacity_logit(cloud, own) - template.opacity_logits[i];
         }
         let frame = &own.template_from_world;
-        if kinds.sh_rest {
-            let rest = template.sh_coefficients() - 1;
+        let rest = kinds.rest_coefficients(template.sh_degree);
+        if rest > 0 {
             let own_sh = frame.sh(cloud.sh_of(source));
             for c in 0..rest {
                 out.sh_rest[index * rest + c] = difference(own_sh[c + 1], template.sh_of(i)[c + 1]);

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::TemplateError;
+use instgs_vk::scene::gaussians::sh_coefficients;
 
 /// Instances that a template's Gaussians are taken from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -74,23 +75,29 @@ pub struct OffsetKinds {
     pub sh_dc: bool,
     /// Opacity logits of Gaussians.
     pub opacity: bool,
-    /// SH coefficients 1 and above. For ablations; 180 bytes per record at degree 3.
-    pub sh_rest: bool,
+    /// SH coefficients above 0 up to this degree, or up to the template's; 0 = none. 36 bytes per record for degree 1, 96 for
+    /// 2, 180 for 3.
+    pub sh_degree: u32,
     /// Log scales and quaternions. For ablations; 28 bytes per record.
     pub covariance: bool,
 }
 
 impl OffsetKinds {
+    /// Number of SH coefficients above 0 that have offsets, for templates of an SH degree.
+    pub fn rest_coefficients(&self, of_template: u32) -> usize {
+        sh_coefficients(self.sh_degree.min(of_template)) - 1
+    }
+
     /// Whether any parameter has offsets.
     pub fn any(&self) -> bool {
-        self.position || self.sh_dc || self.opacity || self.sh_rest || self.covariance
+        self.position || self.sh_dc || self.opacity || self.sh_degree > 0 || self.covariance
     }
 }
 
 impl Default for OffsetKinds {
     /// The paper's choice: position, base colour, opacity.
     fn default() -> Self {
-        Self { position: true, sh_dc: true, opacity: true, sh_rest: false, covariance: false }
+        Self { position: true, sh_dc: true, opacity: true, sh_degree: 0, covariance: false }
     }
 }
 

@@ -15,8 +15,8 @@ pub struct OffsetConfig {
     pub sh_dc: bool,
     /// Offsets of the opacity logits.
     pub opacity: bool,
-    /// Offsets of the other SH coefficients.
-    pub sh_rest: bool,
+    /// SH degree up to which the other coefficients have offsets; 0 = they have none.
+    pub sh_degree: u32,
     /// Offsets of log scales and quaternions.
     pub covariance: bool,
 }
@@ -103,7 +103,7 @@ impl OffsetConfig {
             means: of(self.position, rates.means),
             sh_dc: of(self.sh_dc, rates.sh_dc),
             opacity: of(self.opacity, rates.opacity),
-            sh_rest: of(self.sh_rest, rates.sh_rest),
+            sh_rest: of(self.sh_degree > 0, rates.sh_rest),
             log_scales: of(self.covariance, rates.log_scales),
             quats: of(self.covariance, rates.quats),
         }

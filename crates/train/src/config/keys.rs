@@ -118,7 +118,7 @@ pub const KEYS: [Key; 106] = [
     key("offsets.position", Flag),
     key("offsets.sh_dc", Flag),
     key("offsets.opacity", Flag),
-    key("offsets.sh_rest", Flag),
+    key("offsets.sh_degree", Whole(0, 3)),
     key("offsets.covariance", Flag),
     key("joint.steps", Whole(1, STEPS_MAX)),
     key("joint.refine_poses", Flag),

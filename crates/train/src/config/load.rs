@@ -1,5 +1,6 @@
 //! Puts a configuration together from layers: defaults, files, `--set` and flags.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::marker::PhantomData;
 use std::path::Path;
@@ -9,6 +10,7 @@ use toml::{Table, Value};
 use super::error::{ConfigError, one_line};
 use super::keys::{self, Key};
 use instgs_io::read_bytes;
+use instgs_vk::scene::gaussians::MAX_SH_DEGREE;
 
 /// Longest value that an error repeats, characters.
 const VALUE_SHOWN: usize = 60;
@@ -200,6 +202,8 @@ impl<C: Configuration> Layers<C> {
     }
 
     fn assign(&mut self, name: &str, value: &Value, origin: &str) -> Result<(), ConfigError> {
+        let (name, value) = renamed(name, value);
+        let value = value.as_ref();
         let section = format!("{name}.");
         let known = self.keys.iter().find(|key| key.name == name).copied();
         match (known, value) {
@@ -224,6 +228,16 @@ impl<C: Configuration> Layers<C> {
                 nearest: keys::nearest(&self.keys, name).into(),
             }),
         }
+    }
+}
+
+/// A key and a value of an older version as they are now.
+fn renamed<'a>(name: &'a str, value: &'a Value) -> (&'a str, Cow<'a, Value>) {
+    match (name, value) {
+        ("offsets.sh_rest", Value::Boolean(all)) => {
+            ("offsets.sh_degree", Cow::Owned(Value::Integer(if *all { MAX_SH_DEGREE.into() } else { 0 })))
+        }
+        _ => (name, Cow::Borrowed(value)),
     }
 }
 

@@ -39,6 +39,10 @@ fn runs_of_older_versions_go_on_as_they_began() -> Test {
     assert_eq!(resumed.joint.decay_steps, 0);
     assert_eq!(resumed.rates.final_factor, 0.5);
     assert_eq!(older.set("densify.growth=halves")?.finish()?.densify.growth, Growth::Halves);
+    for (before, degree) in [("true", 3), ("false", 0)] {
+        std::fs::write(&path, format!("[offsets]\nsh_rest = {before}\n"))?;
+        assert_eq!(ConfigBuilder::new().run_file(&path)?.finish()?.offsets.sh_degree, degree);
+    }
     std::fs::write(&path, TrainConfig::default().to_toml()?)?;
     assert_eq!(ConfigBuilder::new().run_file(&path)?.finish()?, TrainConfig::default());
     Ok(())

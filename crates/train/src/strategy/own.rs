@@ -168,7 +168,7 @@ impl Needs {
         inserted: &[Inserted],
     ) -> Result<(), GpuError> {
         let traits = state.scene.traits(0);
-        let kinds = [traits.offset_sh_rest, traits.offset_log_scales, traits.offset_quats];
+        let kinds = [traits.offset_log_scales, traits.offset_quats];
         let kinds = kinds.iter().enumerate().map(|(bit, &has)| u32::from(has) << bit).sum();
         let colored = state.scene.has(Parameter::ColorFromTemplate);
         let windows: Vec<SourceWindow> = state.scene.windows.iter().collect();
@@ -206,6 +206,7 @@ impl Needs {
                 first_bound: window.shown.first,
                 count_bound: window.shown.count,
                 kinds,
+                rest: traits.offset_sh_rest,
             };
             let grid = tools.threads(own.count);
             tools.recorder.dispatch_parts(&tools.pipelines.densify_own, grid, &params, bindings, &parts)?;

@@ -144,7 +144,7 @@ impl Runs<'_> {
                 let mut config = self.config.clone();
                 let offsets = &mut config.train.offsets;
                 (offsets.position, offsets.sh_dc, offsets.opacity) = (false, false, false);
-                (offsets.sh_rest, offsets.covariance) = (false, false);
+                (offsets.sh_degree, offsets.covariance) = (0, false);
                 let report = self.variant("rigid", config)?;
                 let steps = self.config.train.steps + report.steps;
                 Ok(Subject {

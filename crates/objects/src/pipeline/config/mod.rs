@@ -200,7 +200,7 @@ impl RunConfig {
                 position: offsets.position,
                 sh_dc: offsets.sh_dc,
                 opacity: offsets.opacity,
-                sh_rest: offsets.sh_rest,
+                sh_degree: offsets.sh_degree,
                 covariance: offsets.covariance,
             },
             count_factor: template.count_factor,
