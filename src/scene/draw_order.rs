@@ -1,6 +1,7 @@
 //! An order of Gaussians that is fast to draw.
 
 use crate::math::morton::morton_order;
+use crate::scene::gaussians::Gaussians;
 use crate::scene::instanced_scene::InstancedScene;
 
 impl InstancedScene {
@@ -14,20 +15,27 @@ impl InstancedScene {
         if !self.foreign_tensors.is_empty() {
             return;
         }
-        let cloud = &mut self.background;
-        let order: Vec<usize> = morton_order(&cloud.means).into_iter().map(|i| i as usize).collect();
-        let coefficients = cloud.sh_coefficients();
-        permute(&mut cloud.means, &order, 1);
-        permute(&mut cloud.quats, &order, 1);
-        permute(&mut cloud.log_scales, &order, 1);
-        permute(&mut cloud.opacity_logits, &order, 1);
-        permute(&mut cloud.sh, &order, coefficients);
+        let order = morton_order(&self.background.means);
+        self.background.reorder(&order);
+    }
+}
+
+impl Gaussians {
+    /// Brings the Gaussians into an order: indices of before, each once.
+    pub fn reorder(&mut self, order: &[u32]) {
+        let coefficients = self.sh_coefficients();
+        permute(&mut self.means, order, 1);
+        permute(&mut self.quats, order, 1);
+        permute(&mut self.log_scales, order, 1);
+        permute(&mut self.opacity_logits, order, 1);
+        permute(&mut self.sh, order, coefficients);
     }
 }
 
 /// Brings rows of `width` values into an order.
-fn permute<T: Copy>(values: &mut Vec<T>, order: &[usize], width: usize) {
-    *values = order.iter().flat_map(|&i| &values[i * width..(i + 1) * width]).copied().collect();
+fn permute<T: Copy>(values: &mut Vec<T>, order: &[u32], width: usize) {
+    let row = |i: u32| &values[i as usize * width..][..width];
+    *values = order.iter().flat_map(|&i| row(i)).copied().collect();
 }
 
 #[cfg(test)]

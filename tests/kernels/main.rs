@@ -14,6 +14,7 @@ mod densify;
 mod densify_own;
 mod embedding;
 mod exposure;
+mod finish;
 mod forward;
 mod image_loss;
 mod intersections;

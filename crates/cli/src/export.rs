@@ -9,9 +9,9 @@ use instgs_console::args::{Triple, open_scene, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
-use instgs_io::small::{Sensitivity, SmallOptions};
-use instgs_io::{ExportFormat, IoError, Pack, export_scene, write_scene_file_in_pages, write_small_scene_file};
-use instgs_train::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras};
+use instgs_io::small::{SmallOptions, SmallPlan};
+use instgs_io::{ExportFormat, IoError, Pack, export_scene, write_planned_scene_file, write_scene_file_in_pages};
+use instgs_train::{FinishJob, USUAL_PICTURE_PSNR_DB, finish, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
 
@@ -23,6 +23,7 @@ use instgs_vk::scene::trajectory::Orbit;
 #[command(after_help = "Examples:\n  \
     instgs-vk export --scene room.instgs --to room.ply\n  \
     instgs-vk export --scene room.instgs --to small.instgs --pack small --data room\n  \
+    instgs-vk export --scene room.instgs --to small.instgs --pack small --data room --picture-psnr 47 --finish 400\n  \
     instgs-vk export --scene room.ply --to room.spz\n  \
     instgs-vk export --scene room.instgs --to room.sog\n  \
     instgs-vk export --scene room.instgs --to parts/\n  \
@@ -43,13 +44,17 @@ pub(super) struct ExportArgs {
     #[arg(long, value_enum)]
     pack: Option<PackArg>,
     /// Dataset whose training views say how precise --pack small must be: far fewer bytes for the same pictures. Photos
-    /// are not read, only cameras
+    /// are not read, only cameras, but for --finish
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Closeness of pictures of the packed scene to those of the unpacked one as predicted for small errors, dB of PSNR; they
     /// come out some 3 dB lower. Lower is smaller
     #[arg(long, value_name = "DB", default_value_t = USUAL_PICTURE_PSNR_DB, requires = "data", value_parser = parse_psnr)]
     pub(super) picture_psnr: f64,
+    /// Trains the scene for so many steps on the photos of --data, so that what the file holds after rounding looks like them:
+    /// with 400 to 800, files of the same PSNR are an eighth smaller. 0 = it stays as it is
+    #[arg(long, value_name = "STEPS", default_value_t = 0, requires = "data", value_parser = clap::value_parser!(u64).range(..=100_000))]
+    finish: u64,
     /// Direction of the scene that becomes up (+y) in a .glb or OpenUSD file, or points up in an .html [default: as for render's
     /// --orbit; for .html that of the training views, if the scene lies in the folder of its run]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
@@ -101,20 +106,31 @@ impl From<PackArg> for Pack {
     }
 }
 
-/// How precise the scene must be for the views of a data set.
-fn measured(
-    scene: &InstancedScene,
+/// How the scene is rounded for the views of a data set; with `--finish`, the scene is trained for that.
+fn planned(
+    args: &ExportArgs,
+    scene: &mut InstancedScene,
     data: &Path,
     device_args: &DeviceArgs,
     printer: &Printer,
-) -> Result<Sensitivity, CliError> {
+) -> Result<SmallPlan, CliError> {
     let cameras = sensitivity_cameras(data)?;
     let gpu = device::open(device_args.choice())?;
     let mut progress = printer.progress("views", cameras.len() as u64);
-    let sensitivity = measure_sensitivity(&gpu, scene, &cameras, || progress.step("measured"))?;
+    let sensitivity = &measure_sensitivity(&gpu, scene, &cameras, || progress.step("measured"))?;
     drop(progress);
+    let picture_psnr_db = args.picture_psnr;
+    let plan = if args.finish > 0 {
+        let mut progress = printer.progress("steps", args.finish);
+        let job = FinishJob { scene, sensitivity, picture_psnr_db, data, steps: args.finish };
+        let finished = finish(&gpu, &job, || progress.step("finished"))?;
+        *scene = finished.scene;
+        finished.plan
+    } else {
+        SmallPlan::new(scene, &SmallOptions { sensitivity, picture_psnr_db }, &args.to)?
+    };
     device::check_validation(&gpu)?;
-    Ok(sensitivity)
+    Ok(plan)
 }
 
 /// Writes the scene in the format and returns how many Gaussians the file holds.
@@ -122,16 +138,14 @@ fn write(
     args: &ExportArgs,
     scene: &InstancedScene,
     format: ExportFormat,
-    sensitivity: Option<&Sensitivity>,
+    plan: Option<&SmallPlan>,
     printer: &Printer,
 ) -> Result<u64, CliError> {
     let to = args.to.as_path();
-    match (format, sensitivity) {
+    match (format, plan) {
         (ExportFormat::Instgs(pack), _) if args.pages => write_scene_file_in_pages(to, scene, pack)?,
-        (ExportFormat::Page(pack), _) => export_page::write(args, scene, pack, sensitivity, printer)?,
-        (ExportFormat::Instgs(Pack::Small), Some(sensitivity)) => {
-            write_small_scene_file(to, scene, &SmallOptions { sensitivity, picture_psnr_db: args.picture_psnr })?;
-        }
+        (ExportFormat::Page(pack), _) => export_page::write(args, scene, pack, plan, printer)?,
+        (ExportFormat::Instgs(Pack::Small), Some(plan)) => write_planned_scene_file(to, scene, plan)?,
         _ => {
             let up = Orbit::around(scene, args.up.map(Triple::direction)).up;
             let exported = export_scene(to, scene, format, up)?;
@@ -174,8 +188,8 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
         printer.warning("--data is for --pack small: other formats keep one precision everywhere");
     }
     let data = args.data.as_ref().filter(|_| is_small);
-    let sensitivity = data.map(|data| measured(&scene, data, device_args, printer)).transpose()?;
-    let gaussians = write(args, &scene, format, sensitivity.as_ref(), printer)?;
+    let plan = data.map(|data| planned(args, &mut scene, data, device_args, printer)).transpose()?;
+    let gaussians = write(args, &scene, format, plan.as_ref(), printer)?;
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };
     let bytes = bytes_of(to);
     let report = Exported {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use instgs_console::{CliError, Printer};
-use instgs_io::small::{Sensitivity, SmallOptions};
+use instgs_io::small::SmallPlan;
 use instgs_io::{Pack, PageOptions, RunFolder, read_cameras, write_page};
 use instgs_vk::scene::{Camera, InstancedScene};
 
@@ -15,14 +15,13 @@ pub(super) fn write(
     args: &ExportArgs,
     scene: &InstancedScene,
     pack: Pack,
-    sensitivity: Option<&Sensitivity>,
+    plan: Option<&SmallPlan>,
     printer: &Printer,
 ) -> Result<(), CliError> {
     let cameras = cameras_beside(&args.scene, printer);
-    let small = sensitivity.map(|sensitivity| SmallOptions { sensitivity, picture_psnr_db: args.picture_psnr });
     let usual = PageOptions::of_views(scene, pack, &cameras);
     let up = args.up.map_or(usual.up, Triple::direction);
-    Ok(write_page(&args.to, scene, &PageOptions { small: small.as_ref(), up, ..usual })?)
+    Ok(write_page(&args.to, scene, &PageOptions { small: plan, up, ..usual })?)
 }
 
 /// The training views of the run that a scene lies in; none if there is no such file, or none that can be read.

@@ -88,7 +88,10 @@ pub use scene_export::{ExportFormat, ExportedScene, export_scene};
 pub use scene_file::read_scene_file;
 pub use scene_load::{LoadedScene, load_scene, load_scene_to_draw, save_scene};
 pub use scene_pack::Pack;
-pub use scene_write::{write_scene_file, write_scene_file_in_pages, write_scene_file_packed, write_small_scene_file};
+pub use scene_write::{
+    write_planned_scene_file, write_scene_file, write_scene_file_in_pages, write_scene_file_packed,
+    write_small_scene_file,
+};
 pub use sog::{read_sog, write_sog};
 pub use splat::read_splat;
 pub use spz::{SpzLoss, read_spz, write_spz};

@@ -11,7 +11,7 @@ use crate::pages;
 use crate::safetensors_header::{Entry, header};
 use crate::scene_file::{FORMAT, FORMAT_CODED, NO_OFFSET};
 use crate::scene_pack::{OffsetRanges, Pack, Underflow, fits_half, floats, halves, segments};
-use crate::small::{SmallOptions, coded_tensors};
+use crate::small::{SmallOptions, SmallPlan, coded_tensors};
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
 use instgs_vk::scene::lod::pages::{PageTable, PagedBackground};
@@ -70,32 +70,32 @@ pub fn paged_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) -
 /// # Errors
 /// The scene is inconsistent, the sensitivity is of another scene, or the file cannot be written.
 pub fn write_small_scene_file(path: &Path, scene: &InstancedScene, options: &SmallOptions<'_>) -> Result<(), IoError> {
-    let bytes = small_scene_file_bytes(scene, options, path)?;
+    write_planned_scene_file(path, scene, &SmallPlan::new(scene, options, path)?)
+}
+
+/// Writes an `.instgs` file packed as [`Pack::Small`] by a plan, which may be that of an earlier state of the scene.
+///
+/// # Errors
+/// The scene is inconsistent, the plan is of another one, or the file cannot be written.
+pub fn write_planned_scene_file(path: &Path, scene: &InstancedScene, plan: &SmallPlan) -> Result<(), IoError> {
+    let bytes = planned_scene_file_bytes(scene, plan, path)?;
     atomic_write(path, |out| out.write_all(&bytes))
 }
 
-/// The bytes that [`write_small_scene_file`] writes.
-pub(crate) fn small_scene_file_bytes(
+/// The bytes that [`write_planned_scene_file`] writes.
+pub(crate) fn planned_scene_file_bytes(
     scene: &InstancedScene,
-    options: &SmallOptions<'_>,
+    plan: &SmallPlan,
     path: &Path,
 ) -> Result<Vec<u8>, IoError> {
-    if !options.sensitivity.fits(scene) {
-        return Err(IoError::new(path, "cannot write: the sensitivity was measured on another scene"));
-    }
-    if !options.sensitivity.shows_anything() {
-        let error =
-            IoError::new(path, "cannot write: the views that say how precise it is to be show nothing of the scene");
-        return Err(error.advise("give the data set of the scene"));
-    }
-    file_bytes(scene, Pack::Small, Extra::Small(options), path)
+    file_bytes(scene, Pack::Small, Extra::Small(plan), path)
 }
 
 /// What a file takes besides the scene.
 enum Extra<'a> {
     None,
     /// How precise [`Pack::Small`] is.
-    Small(&'a SmallOptions<'a>),
+    Small(&'a SmallPlan),
     /// Pages of the background.
     Pages {
         fine: &'a Gaussians,
@@ -115,8 +115,10 @@ fn file_bytes(scene: &InstancedScene, pack: Pack, extra: Extra<'_>, path: &Path)
         put_page_table(&mut tensors, table);
     }
     if pack == Pack::Small {
-        let small = if let Extra::Small(options) = extra { Some(options) } else { None };
-        tensors.extend(coded_tensors(scene, small));
+        tensors.extend(match extra {
+            Extra::Small(plan) => plan.tensors(scene, path)?,
+            Extra::None | Extra::Pages { .. } => coded_tensors(scene),
+        });
     } else {
         put_cloud(&mut tensors, "template", &scene.templates, pack);
         if !scene.own.is_empty() {

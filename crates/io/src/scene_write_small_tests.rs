@@ -3,7 +3,7 @@
 use super::tests::{difference, path, repeated, through};
 use super::*;
 use crate::scene_file::parse_scene_file;
-use crate::small::Sensitivity;
+use crate::small::{Sensitivity, SmallPlan};
 use glam::DMat3;
 use instgs_samples::sample;
 use instgs_samples::{sample_scene, with_ablations, with_low_sh_offsets, with_own};
@@ -322,6 +322,53 @@ fn small_is_as_precise_as_pictures_need() -> Result<(), IoError> {
     let options = SmallOptions { sensitivity: &Sensitivity::default(), picture_psnr_db: 50.0 };
     let refused = crate::write_small_scene_file(path(), &scene, &options).expect_err("does not fit").to_string();
     assert!(refused.contains("another scene"), "{refused}");
+    Ok(())
+}
+
+/// A plan may be that of an earlier state of the scene, and says what a file of it would hold, row by row.
+#[test]
+fn a_plan_rounds_as_its_file_does() -> Result<(), IoError> {
+    let folder = tempfile::tempdir().map_err(|e| IoError::os(path(), "no folder", &e))?;
+    let file = folder.path().join("x.instgs");
+    let cloud = InstancedScene::from_cloud(sample(1, 400));
+    for before in [with_own(), with_ablations(), with_low_sh_offsets(), cloud, InstancedScene::default()] {
+        let sensitivity = sensitive(&before);
+        let options = SmallOptions { sensitivity: &sensitivity, picture_psnr_db: 60.0 };
+        if before == InstancedScene::default() {
+            assert!(SmallPlan::new(&before, &options, path()).is_err());
+            continue;
+        }
+        let plan = SmallPlan::new(&before, &options, path())?;
+        let mut scene = before.clone();
+        scene.background.means.iter_mut().for_each(|mean| mean[0] = 0.5 - mean[0]);
+        scene.templates.sh.iter_mut().for_each(|sh| sh[1] += 0.1);
+        let rounded = plan.rounded(&scene)?;
+        write_planned_scene_file(&file, &scene, &plan)?;
+        let mut stored = parse_scene_file(&crate::read_bytes(&file)?, path())?;
+        // A file has the background in the order that it had when it was planned.
+        if before.foreign_tensors.is_empty() {
+            let order = instgs_vk::math::morton::morton_order(&before.background.means);
+            let place = |i: u32| order.iter().position(|&at| at == i).map_or(0, |place| place as u32);
+            stored.background.reorder(&(0..order.len() as u32).map(place).collect::<Vec<_>>());
+        }
+        assert_eq!((&rounded.templates, &rounded.background), (&stored.templates, &stored.background));
+        assert_eq!((&rounded.offsets, &rounded.own), (&stored.offsets, &stored.own));
+        let clouds = [(&rounded.own, &scene.own), (&rounded.background, &scene.background)];
+        for (rounded, scene) in clouds {
+            assert!(difference(&rounded.opacity_logits, &scene.opacity_logits, 1.0) <= 0.5);
+            assert!(difference(rounded.means.as_flattened(), scene.means.as_flattened(), 1.0) <= 0.2);
+        }
+        // Of a scene with other rows it cannot be the plan.
+        for change in [
+            |cloud: &mut Gaussians| *cloud = Gaussians::default(),
+            |cloud: &mut Gaussians| cloud.append(&cloud.clone()),
+        ] {
+            let mut other = scene.clone();
+            change(&mut other.background);
+            let refused = write_planned_scene_file(&file, &other, &plan).expect_err("does not fit").to_string();
+            assert!(refused.contains("another scene"), "{refused}");
+        }
+    }
     Ok(())
 }
 

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use instgs_io::small::SmallOptions;
-use instgs_io::{ExportFormat, Pack, PageOptions, export_scene, write_page, write_small_scene_file};
+use instgs_io::small::{SmallOptions, SmallPlan};
+use instgs_io::{ExportFormat, Pack, PageOptions, export_scene, write_page, write_planned_scene_file};
 use instgs_train::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
@@ -58,13 +58,14 @@ pub(crate) fn save(
             let cameras = sensitivity_cameras(data)?;
             let sensitivity = measure_sensitivity(&gpu, scene, &cameras, || ())?;
             let small = SmallOptions { sensitivity: &sensitivity, picture_psnr_db: psnr };
+            let plan = SmallPlan::new(scene, &small, to)?;
             match format {
                 ExportFormat::Page(pack) => {
                     let usual = PageOptions::of_views(scene, pack, &cameras);
                     let up = how.up.unwrap_or(usual.up);
-                    write_page(to, scene, &PageOptions { small: Some(&small), up, ..usual })?;
+                    write_page(to, scene, &PageOptions { small: Some(&plan), up, ..usual })?;
                 }
-                _ => write_small_scene_file(to, scene, &small)?,
+                _ => write_planned_scene_file(to, scene, &plan)?,
             }
             Ok(())
         };

@@ -13,6 +13,7 @@ pub mod event_log;
 pub mod events;
 mod exposures;
 pub mod facts;
+mod finish;
 pub mod given;
 pub mod initial;
 pub mod interrupt;
@@ -38,6 +39,7 @@ pub mod view_store;
 pub mod views;
 
 pub use error::TrainError;
+pub use finish::{FinishJob, Finished, finish};
 pub use observer::{TrainMessage, TrainObserver};
 pub use same_data::check_finished;
 pub use sensitivity::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras, write_small};

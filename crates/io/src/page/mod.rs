@@ -17,8 +17,8 @@ use flate2::write::DeflateEncoder;
 use glam::DVec3;
 
 use crate::scene_pack::Pack;
-use crate::scene_write::{packed_scene_file_bytes, small_scene_file_bytes};
-use crate::small::SmallOptions;
+use crate::scene_write::{packed_scene_file_bytes, planned_scene_file_bytes};
+use crate::small::SmallPlan;
 use crate::{IoError, atomic_write};
 use base85::base85;
 use instgs_vk::scene::camera::Camera;
@@ -68,8 +68,8 @@ const MAIN: [&str; 9] = [
 pub struct PageOptions<'a> {
     /// Number format of the scene in the page.
     pub pack: Pack,
-    /// How precise [`Pack::Small`] must be; not for other formats.
-    pub small: Option<&'a SmallOptions<'a>>,
+    /// How [`Pack::Small`] rounds; not for other formats.
+    pub small: Option<&'a SmallPlan>,
     /// The first view; the scene as a whole if there is none.
     pub camera: Option<&'a Camera>,
     /// Unit vector that points up in the picture, world frame.
@@ -87,7 +87,7 @@ impl<'a> PageOptions<'a> {
 /// Writes a scene as a page. The same scene and options give the same bytes. Its title is the file's name.
 ///
 /// # Errors
-/// The scene is inconsistent, the options are of another scene, or the file cannot be written.
+/// The scene is inconsistent, the plan of `small` is of another one, or the file cannot be written.
 pub fn write_page(path: &Path, scene: &InstancedScene, options: &PageOptions<'_>) -> Result<(), IoError> {
     let title = path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned());
     let page = page_text(&title, scene, options, path)?;
@@ -97,7 +97,7 @@ pub fn write_page(path: &Path, scene: &InstancedScene, options: &PageOptions<'_>
 /// The page of a scene as text, for a page that holds it as a frame; `path` is for messages.
 ///
 /// # Errors
-/// The scene is inconsistent, or the options are of another scene.
+/// The scene is inconsistent, or the plan of `small` is of another one.
 pub fn page_text(
     title: &str,
     scene: &InstancedScene,
@@ -109,7 +109,7 @@ pub fn page_text(
         (!scene.fitted_levels.is_empty()).then(|| InstancedScene { fitted_levels: Vec::new(), ..scene.clone() });
     let scene = without_levels.as_ref().unwrap_or(scene);
     let file = match options.small.filter(|_| options.pack == Pack::Small) {
-        Some(small) => small_scene_file_bytes(scene, small, path)?,
+        Some(plan) => planned_scene_file_bytes(scene, plan, path)?,
         None => packed_scene_file_bytes(scene, options.pack, path)?,
     };
     let start = start_json(scene, options).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;

@@ -103,20 +103,22 @@ impl Classes {
 pub(super) struct Plan<'a> {
     pub(super) parts: &'a [Part],
     pub(super) classes: &'a Classes,
-    pub(super) centre: Centre,
+    pub(super) centre: Centre<'a>,
     /// Whether the columns are colours, arranged by [`to_opponent`](super::opponent::to_opponent).
     pub(super) opponent: bool,
 }
 
 /// Where each column's centre is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Centre {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Centre<'a> {
     /// At 0.
     Zero,
     /// In the middle between the lowest and the highest value, for values that are far from 0.
     Middle,
     /// At the whole number next to that: whole numbers stay whole.
     Whole,
+    /// Here, by column.
+    At(&'a [f32]),
 }
 
 /// The header of a coded field.
@@ -219,14 +221,25 @@ fn by_column(parts: &[Part]) -> Vec<Part> {
     parts.iter().flat_map(|part| std::iter::repeat_n(*part, part.columns)).collect()
 }
 
-/// Codes finite values, row by row; `None` if they are so far apart that a step would be beyond f32.
-pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec<u8>> {
+/// How the values of a field are rounded, and to what.
+pub(super) struct Rounded {
+    /// By column.
+    pub(super) centres: Vec<f32>,
+    /// With a memory that is chosen and steps that reach all values.
+    pub(super) parts: Vec<Part>,
+    /// Column by column.
+    integers: Vec<i64>,
+}
+
+/// Rounds finite values, row by row; `None` if they are so far apart that a step would be beyond f32.
+pub(super) fn rounded_field(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Rounded> {
     let width: usize = plan.parts.iter().map(|part| part.columns).sum();
     let column = |c: usize| (0..rows).map(move |row| values[row * width + c]);
     let centre = |c: usize| match plan.centre {
         Centre::Zero => 0.0,
         Centre::Middle => middle(column(c)),
         Centre::Whole => middle(column(c)).round(),
+        Centre::At(centres) => centres[c],
     };
     let centres: Vec<f32> = (0..width).map(centre).collect();
     // Steps must reach the farthest value in MOST_STEPS even where their class is the finest.
@@ -273,9 +286,14 @@ pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec
         best.1
     };
     let parts: Vec<Part> = parts.into_iter().map(resolved).collect();
+    Some(Rounded { centres, parts, integers })
+}
 
+/// Codes finite values, row by row; `None` if they are so far apart that a step would be beyond f32.
+pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Option<Vec<u8>> {
+    let Rounded { centres, parts, integers } = rounded_field(values, rows, plan)?;
     let mut out = (rows as u64).to_le_bytes().to_vec();
-    out.extend((width as u16).to_le_bytes());
+    out.extend((centres.len() as u16).to_le_bytes());
     out.extend([parts.len() as u8, if plan.opponent { OPPONENT } else { 0 }]);
     for part in &parts {
         out.extend((part.columns as u16).to_le_bytes());

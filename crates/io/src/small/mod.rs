@@ -18,11 +18,13 @@
 mod entropy;
 mod field;
 mod opponent;
+mod plan;
 mod sensitivity;
 mod shapes;
 mod source;
 mod steps;
 
+pub use plan::SmallPlan;
 pub use sensitivity::{Sensitivity, SmallOptions};
 pub use shapes::LOG_COVARIANCES;
 pub(crate) use shapes::{offset_shapes_from, shapes_from};
@@ -32,7 +34,7 @@ use crate::step_columns::TableError;
 use field::{Centre, Classes, Follows, Memory, Part, Plan};
 use instgs_vk::math::smallest_three::whole_quat;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
-use source::Table;
+use source::{Orders, Table};
 
 /// Suffix of the name of a coded tensor.
 pub const CODED: &str = ".coded";
@@ -81,16 +83,17 @@ pub fn coded_streams(coded: &[u8]) -> Option<CodedStreams> {
     Some(CodedStreams { rows: header.rows, width: header.width, header_bytes, token_bytes, low_bytes })
 }
 
-/// The tensors of a scene's clouds and offsets by name. Fields that cannot be coded (values that are not finite, rotations of
-/// zero length, empty ones, or too far apart) stay floats.
-pub(crate) fn coded_tensors(
-    scene: &InstancedScene,
-    options: Option<&SmallOptions<'_>>,
-) -> Vec<(String, ForeignTensor)> {
-    let tables = source::tables(scene, options.map(|options| options.sensitivity));
-    let plans = steps::plan(&tables, options.map(|options| options.picture_psnr_db));
+/// The tensors of a scene's clouds and offsets by name, with steps that are the same for all scenes.
+pub(crate) fn coded_tensors(scene: &InstancedScene) -> Vec<(String, ForeignTensor)> {
+    let tables = source::tables(scene, &Orders::of(scene), None);
+    coded_tables(&tables, &steps::plan(&tables, None))
+}
+
+/// The tensors of tables by name. Fields that cannot be coded (values that are not finite, rotations of zero length, empty ones, or
+/// too far apart) stay floats.
+fn coded_tables(tables: &[Table], steps: &[steps::TableSteps]) -> Vec<(String, ForeignTensor)> {
     let mut out = Vec::new();
-    for (table, plan) in tables.iter().zip(&plans) {
+    for (table, plan) in tables.iter().zip(steps) {
         // Only few scenes have own Gaussians; the other tensors are there even if empty.
         if table.rows > 0 || table.group != "own" {
             put_table(&mut out, table, plan);
@@ -103,9 +106,9 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
     let group = table.group;
     let coded = |bytes: Vec<u8>| ForeignTensor { dtype: "U8".into(), shape: vec![bytes.len()], bytes };
     let mut any = false;
-    for (field, parts) in table.fields.iter().zip(&plan.parts) {
+    for (f, field) in table.fields.iter().enumerate() {
         let name = format!("{group}.{}", field.name);
-        let how = Plan { parts, classes: &plan.classes, centre: field.centre, opponent: field.opponent };
+        let how = plan.of_field(f, field);
         let bytes = field.can_be_coded.then(|| field::encode(&field.values, table.rows, &how)).flatten();
         match bytes.filter(|bytes| !field.is_position() || is_plausible(table.rows, bytes.len())) {
             Some(bytes) => {

@@ -43,7 +43,7 @@ pub(super) struct Field {
     pub(super) values: Vec<f32>,
     pub(super) can_be_coded: bool,
     pub(super) parts: Vec<FieldPart>,
-    pub(super) centre: Centre,
+    pub(super) centre: Centre<'static>,
     pub(super) opponent: bool,
 }
 
@@ -83,13 +83,31 @@ impl Field {
     }
 }
 
-/// The tables of a scene that its file holds.
-pub(super) fn tables(scene: &InstancedScene, sensitivity: Option<&Sensitivity>) -> Vec<Table> {
-    // Unknown tensors may be parallel to the clouds, whose order must then not change.
-    let reorder = scene.foreign_tensors.is_empty();
+/// The order of a file's rows, as indices of the scene's; `None` = as they are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Orders {
+    /// Of instances' own Gaussians.
+    pub(super) own: Option<Vec<u32>>,
+    /// Of the background.
+    pub(super) background: Option<Vec<u32>>,
+}
+
+impl Orders {
+    /// Along Morton curves, but for clouds that unknown tensors may be parallel to.
+    pub(super) fn of(scene: &InstancedScene) -> Self {
+        let reorder = scene.foreign_tensors.is_empty();
+        Self {
+            own: own_order(scene).filter(|_| reorder),
+            background: reorder.then(|| morton_order(&scene.background.means)),
+        }
+    }
+}
+
+/// The tables of a scene that its file holds, with rows in these orders.
+pub(super) fn tables(scene: &InstancedScene, orders: &Orders, sensitivity: Option<&Sensitivity>) -> Vec<Table> {
     let mut first = Rows::default();
-    let mut cloud = |group, cloud: &Gaussians, order: Option<Vec<u32>>, shapes: Option<&[[f32; 6]]>| {
-        let order = order.unwrap_or_else(|| (0..cloud.len() as u32).collect());
+    let mut cloud = |group, cloud: &Gaussians, order: Option<&Vec<u32>>, shapes: Option<&[[f32; 6]]>| {
+        let order = order.cloned().unwrap_or_else(|| (0..cloud.len() as u32).collect());
         let table = cloud_table(group, cloud, &order, shapes, &first.sensitivity(sensitivity, cloud, &order));
         first.advance(cloud);
         table
@@ -99,9 +117,8 @@ pub(super) fn tables(scene: &InstancedScene, sensitivity: Option<&Sensitivity>) 
     // Offsets that stay as they are belong to the sizes and rotations that the templates have.
     let of_templates = of_templates.filter(|_| of_offsets != OffsetShapes::AsTheyAre);
     let mut out = vec![cloud("template", &scene.templates, None, of_templates.as_deref())];
-    out.push(cloud("own", &scene.own, own_order(scene).filter(|_| reorder), of_own.as_deref()));
-    let order = reorder.then(|| morton_order(&scene.background.means));
-    out.push(cloud("background", &scene.background, order, of_background.as_deref()));
+    out.push(cloud("own", &scene.own, orders.own.as_ref(), of_own.as_deref()));
+    out.push(cloud("background", &scene.background, orders.background.as_ref(), of_background.as_deref()));
     out.push(offsets_table(scene, sensitivity, of_offsets));
     out
 }

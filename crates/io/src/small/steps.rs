@@ -6,8 +6,8 @@
 //! likes on the whole is in its own step.
 
 use super::entropy::CONTEXTS;
-use super::field::{Classes, Follows, MIDDLE, Memory, Part};
-use super::source::{FieldPart, FixedStep, Table};
+use super::field::{Centre, Classes, Follows, MIDDLE, Memory, Part, Plan, rounded_field};
+use super::source::{Field, FieldPart, FixedStep, Table};
 
 /// Halvings of the range in which D is sought: 2^-60 of a range of 200 octaves.
 const HALVINGS: usize = 60;
@@ -18,10 +18,32 @@ const LOOKED_AT: usize = 20_000;
 const MOST_FIXED_STEPS: f64 = 8.0;
 
 /// The steps of a table.
+#[derive(Debug)]
 pub(super) struct TableSteps {
     pub(super) classes: Classes,
     /// By field.
     pub(super) parts: Vec<Vec<Part>>,
+    /// By field, the centres of its columns; empty where values say where they are.
+    pub(super) centres: Vec<Vec<f32>>,
+}
+
+impl TableSteps {
+    /// How field number `f` of the table is coded.
+    pub(super) fn of_field<'a>(&'a self, f: usize, field: &Field) -> Plan<'a> {
+        let given = Some(&self.centres[f]).filter(|centres| !centres.is_empty());
+        let centre = given.map_or(field.centre, |centres| Centre::At(centres));
+        Plan { parts: &self.parts[f], classes: &self.classes, centre, opponent: field.opponent }
+    }
+
+    /// With centres and memories that are best for the values of the table, and that others get, too.
+    pub(super) fn fixed_for(mut self, table: &Table) -> Self {
+        for (f, field) in table.fields.iter().enumerate().filter(|(_, field)| field.can_be_coded) {
+            if let Some(rounded) = rounded_field(&field.values, table.rows, &self.of_field(f, field)) {
+                (self.parts[f], self.centres[f]) = (rounded.parts, rounded.centres);
+            }
+        }
+        self
+    }
 }
 
 /// Plans the steps of all tables, by sensitivity for pictures of `picture_psnr_db` beside the unpacked ones, or fixed ones.
@@ -82,6 +104,7 @@ fn fixed(table: &Table) -> TableSteps {
             colour: vec![MIDDLE; table.rows],
         },
         parts: table.fields.iter().map(|field| field.parts.iter().map(part).collect()).collect(),
+        centres: vec![Vec::new(); table.fields.len()],
     }
 }
 
@@ -199,7 +222,7 @@ impl Wishes {
             table.fields.iter().enumerate().map(|(f, field)| {
                 field.parts.iter().enumerate().map(|(p, part)| self.part(f, p, part, octaves)).collect()
             });
-        TableSteps { parts: parts.collect(), classes: self.classes }
+        TableSteps { parts: parts.collect(), classes: self.classes, centres: vec![Vec::new(); table.fields.len()] }
     }
 }
 
