@@ -508,11 +508,36 @@ fn packed_exports_are_smaller_and_load() {
         };
         let bytes = ["30", "60"].map(needed);
         assert!(bytes[0] < bytes[1], "{bytes:?}");
+        finishes(&cameras, &at);
         prunes(&scene, &at);
     }
     let text = error_of(&mut export("x.ply", "f16"));
     assert!(text.contains("--pack is for .instgs"), "{text}");
     assert!(!at("x.ply").exists());
+}
+
+/// `export --finish` of the scene `scene.instgs`, for photos of itself.
+fn finishes(cameras: &[Camera], at: &impl Fn(&str) -> PathBuf) {
+    let finish = |to: &str, more: &[&str]| {
+        let mut command = program();
+        command.args(["export", "--scene"]).arg(at("scene.instgs")).arg("--to").arg(at(to));
+        command.arg("--data").arg(at("data")).args(["--finish", "2"]).args(more);
+        command
+    };
+    let missing = error_of(&mut finish("finished.instgs", &["--pack", "small"]));
+    assert!(missing.contains("000.png"), "{missing}");
+    write_cameras(&at("views.json"), cameras).unwrap();
+    let mut render = program();
+    render.args(["render", "--scene"]).arg(at("scene.instgs")).arg("--camera").arg(at("views.json"));
+    render.arg("--out").arg(at("data/images")).assert().success();
+    finish("finished.instgs", &["--pack", "small"]).assert().success();
+    let (before, after) = (load_scene(&at("needed.instgs")).unwrap(), load_scene(&at("finished.instgs")).unwrap());
+    assert_eq!(before.scene.parameter_rows(), after.scene.parameter_rows());
+    finish("finished.html", &[]).assert().success();
+    let text = error_of(&mut finish("x.instgs", &["--pack", "f16", "--pages"]));
+    assert!(text.contains("--finish is for --pack small") && !at("x.instgs").exists(), "{text}");
+    let output = finish("x.instgs", &["--pack", "f16"]).output().unwrap();
+    assert!(output.status.success() && String::from_utf8_lossy(&output.stderr).contains("--finish"));
 }
 
 /// `prune` of the scene `scene.instgs`, from the views of `data`.

@@ -10,7 +10,11 @@ use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
 use instgs_io::small::{SmallOptions, SmallPlan};
-use instgs_io::{ExportFormat, IoError, Pack, export_scene, write_planned_scene_file, write_scene_file_in_pages};
+use instgs_io::{
+    ExportFormat, IoError, Pack, RunFolder, export_scene, write_planned_scene_file, write_scene_file_in_pages,
+};
+use instgs_objects::pipeline::config::ConfigBuilder;
+use instgs_train::config::TrainConfig;
 use instgs_train::{FinishJob, USUAL_PICTURE_PSNR_DB, finish, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
@@ -51,8 +55,9 @@ pub(super) struct ExportArgs {
     /// come out some 3 dB lower. Lower is smaller
     #[arg(long, value_name = "DB", default_value_t = USUAL_PICTURE_PSNR_DB, requires = "data", value_parser = parse_psnr)]
     pub(super) picture_psnr: f64,
-    /// Trains the scene for so many steps on the photos of --data, so that what the file holds after rounding looks like them:
-    /// with 400 to 800, files of the same PSNR are an eighth smaller. 0 = it stays as it is
+    /// Number of steps in which the scene is trained on the photos of --data through the rounding of --pack small, so that what the
+    /// file holds looks like them: with 400, files of the same PSNR are 15 to 20 % smaller. Photos are taken as the run in whose
+    /// folder the scene lies was trained on them. 0 = the scene is not trained
     #[arg(long, value_name = "STEPS", default_value_t = 0, requires = "data", value_parser = clap::value_parser!(u64).range(..=100_000))]
     finish: u64,
     /// Direction of the scene that becomes up (+y) in a .glb or OpenUSD file, or points up in an .html [default: as for render's
@@ -121,9 +126,12 @@ fn planned(
     drop(progress);
     let picture_psnr_db = args.picture_psnr;
     let plan = if args.finish > 0 {
+        let config = config_beside(&args.scene, printer);
         let mut progress = printer.progress("steps", args.finish);
-        let job = FinishJob { scene, sensitivity, picture_psnr_db, data, steps: args.finish };
+        let (to, config) = (&args.to, &config);
+        let job = FinishJob { scene, sensitivity, picture_psnr_db, data, config, to, steps: args.finish };
         let finished = finish(&gpu, &job, || progress.step("finished"))?;
+        finished.warnings.iter().for_each(|warning| printer.warning(warning));
         *scene = finished.scene;
         finished.plan
     } else {
@@ -131,6 +139,22 @@ fn planned(
     };
     device::check_validation(&gpu)?;
     Ok(plan)
+}
+
+/// The configuration of the run that a scene lies in; the default if there is none, or none that can be read.
+fn config_beside(scene: &Path, printer: &Printer) -> TrainConfig {
+    let file = RunFolder::new(scene.parent().unwrap_or(Path::new("."))).config();
+    if !file.is_file() {
+        return TrainConfig::default();
+    }
+    let config = ConfigBuilder::new().run_file(&file).and_then(ConfigBuilder::finish);
+    config.map_or_else(
+        |error| {
+            printer.warning(format_args!("{error}: photos are taken whole, and black stands behind all splats"));
+            TrainConfig::default()
+        },
+        |config| config.train,
+    )
 }
 
 /// Writes the scene in the format and returns how many Gaussians the file holds.
@@ -179,13 +203,18 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
             .advise("leave it out, or export to .instgs")
             .into());
     }
+    if args.pages && args.finish > 0 {
+        return Err(IoError::new(to, "--finish is for --pack small, which has no pages")
+            .advise("leave one of the two out")
+            .into());
+    }
     let mut scene = open_scene(&args.scene, printer)?.scene;
     if args.pages {
         scene.order_background();
     }
     let is_small = matches!(format, ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small));
     if args.data.is_some() && !is_small {
-        printer.warning("--data is for --pack small: other formats keep one precision everywhere");
+        printer.warning("--data and --finish are for --pack small: other formats keep one precision everywhere");
     }
     let data = args.data.as_ref().filter(|_| is_small);
     let plan = data.map(|data| planned(args, &mut scene, data, device_args, printer)).transpose()?;

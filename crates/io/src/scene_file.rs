@@ -192,7 +192,10 @@ impl<'a> Reader<'a> {
         let shape = match &form[name.len()..] {
             "" => {
                 let shape = view.shape();
-                Ok((shape.first().copied().unwrap_or(0), shape.iter().skip(1).product()))
+                Ok((
+                    shape.first().copied().unwrap_or(0),
+                    shape.iter().skip(1).fold(1usize, |all, &side| all.saturating_mul(side)),
+                ))
             }
             CODED => coded_shape(view.data()),
             _ => small_shape(view.data()),

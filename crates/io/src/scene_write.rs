@@ -94,7 +94,7 @@ pub(crate) fn planned_scene_file_bytes(
 /// What a file takes besides the scene.
 enum Extra<'a> {
     None,
-    /// How precise [`Pack::Small`] is.
+    /// How [`Pack::Small`] rounds.
     Small(&'a SmallPlan),
     /// Pages of the background.
     Pages {

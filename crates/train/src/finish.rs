@@ -5,28 +5,34 @@
 //! with all others.
 //!
 //! Centres, shapes, opacities and base colours of clouds are predicted from the Gaussian before, so that what they can be rounded
-//! to changes with it. After half of the steps these stay as they are rounded, and the others go on.
+//! to changes with it. After half of the steps all values are set to what they are rounded to; these stay so from then on, and the
+//! others go on from there.
+//!
+//! A rounded covariance has axes of its own. Where they are not nearly those of the Gaussian before it is rounded, as for round
+//! ones, the shape of the latter stays in this step: a move along one axis would be one along another.
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Arc;
 
+use instgs_io::IoError;
 use instgs_io::small::{Sensitivity, SmallOptions, SmallPlan};
-use instgs_io::{Split, View, read_views};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::kernels::Variant;
 use instgs_vk::optim::Adam;
 use instgs_vk::render::RenderOptions;
-use instgs_vk::scene::point_cloud::PointCloud;
-use instgs_vk::scene::{Camera, InstancedScene, ParameterSet};
+use instgs_vk::scene::offset_runs::sources_of_records;
+use instgs_vk::scene::{InstancedScene, Parameter, ParameterSet};
 
 use super::config::{GaussianRates, PoseRates, Rates, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
-use super::initial::scene_extent;
 use super::memory::picture_budget;
+use super::start::{TrainData, read_data};
 use super::step_runner::{StepPlan, StepRunner};
 use super::view_order::ViewOrder;
+use super::view_pictures::{background_at, train_options};
 use super::views::{TrainViews, ViewsPlan};
 
 /// Closeness of pictures, dB, at which a scene is rounded so little that nothing is lost: rotations get the axes of the file.
@@ -48,20 +54,28 @@ const FINAL_FACTOR: f64 = 0.1;
 /// Weight of 1 - SSIM in the loss, and Adam's constants: those of the preset `default`.
 const LAMBDA_DSSIM: f32 = 0.2;
 const ADAM: Adam = Adam { beta1: 0.9, beta2: 0.999, epsilon: 1e-15, step: 1 };
+/// Cosine of half the largest angle between axes that are nearly the same: 30 degrees, so that a move along one of them is at least 0.87
+/// of it along the other.
+const LEAST_COSINE: f64 = 0.966;
 /// Seed of the order of photos.
 const SEED: u64 = 0;
 
-/// What is to be finished.
+/// A scene that is to be trained through its rounding, and how.
 #[derive(Clone, Copy, Debug)]
 pub struct FinishJob<'a> {
     /// The scene as it was trained.
     pub scene: &'a InstancedScene,
     /// How much its pictures change with each parameter.
     pub sensitivity: &'a Sensitivity,
-    /// As in [`SmallOptions`].
+    /// PSNR that pictures of the packed scene have beside those of this one, dB, as in [`SmallOptions`].
     pub picture_psnr_db: f64,
     /// The data set with the photos.
     pub data: &'a Path,
+    /// The configuration of the scene's training: it says what photos show and how they are drawn (their width, masks of pixels, the
+    /// colour behind all splats). Steps and rates are not taken from it.
+    pub config: &'a TrainConfig,
+    /// The file that is to be written; only used in messages.
+    pub to: &'a Path,
     /// Number of training steps, each on one photo.
     pub steps: u64,
 }
@@ -73,25 +87,31 @@ pub struct Finished {
     pub scene: InstancedScene,
     /// The rounding.
     pub plan: SmallPlan,
+    /// What there is to say about the data set, one line each.
+    pub warnings: Vec<String>,
 }
 
 /// Trains a scene through its rounding. `on_step` is called after each step.
 ///
 /// # Errors
-/// The photos cannot be read, or there are none; the sensitivity is of another scene; the device fails or is too small.
+/// The photos cannot be read, or there are none, or they have exposures; instances share offsets or Gaussians of their own; the
+/// sensitivity is of another scene; the device fails or is too small.
 pub fn finish(gpu: &Arc<Gpu>, job: &FinishJob<'_>, mut on_step: impl FnMut()) -> Result<Finished, TrainError> {
+    check(job)?;
     let plan_at = |picture_psnr_db| {
         let options = SmallOptions { sensitivity: job.sensitivity, picture_psnr_db };
-        SmallPlan::new(job.scene, &options, job.data)
+        SmallPlan::new(job.scene, &options, job.to)
     };
     let plan = plan_at(job.picture_psnr_db)?;
-    let mut scene = plan_at(EXACT_PSNR_DB)?.rounded(job.scene)?;
-    let mut steps = Steps::new(gpu, &scene, job.data)?;
+    let mut scene = plan_at(EXACT_PSNR_DB)?.rounded(job.scene, job.to)?;
+    let data = read_data(job.data, job.config, false)?;
+    let mut steps = Steps::new(gpu, &scene, &data, job.config)?;
+    let (record_sources, _) = sources_of_records(&scene.offset_runs(), scene.offsets.len());
     let coarseness = 10f64.powf((RATES_PSNR_DB - job.picture_psnr_db) / 20.0).min(MOST_COARSE);
     let held_from = (HELD_FROM * job.steps as f64) as u64;
     let rows = scene.parameter_rows();
     for step in 0..job.steps {
-        let rounded = plan.rounded(&scene)?;
+        let rounded = plan.rounded(&scene, job.to)?;
         if step == held_from {
             scene.clone_from(&rounded);
         }
@@ -99,21 +119,91 @@ pub fn finish(gpu: &Arc<Gpu>, job: &FinishJob<'_>, mut on_step: impl FnMut()) ->
             factor: coarseness * FINAL_FACTOR.powf(step as f64 / job.steps as f64),
             held: step >= held_from,
         };
-        let moved = steps.run(step, &rounded, &schedule)?;
+        let at_step = |error| TrainError::Step { step, error: Box::new(error), remedy: None, saved: None };
+        let moved = steps.run(step, &rounded, &schedule).map_err(at_step)?;
+        let turned = Turned::between(&scene, &rounded, &record_sources);
         for (parameter, after) in moved.iter().filter(|(_, after)| !after.is_empty()) {
             let (mut values, before) = (scene.parameter(parameter).into_owned(), rounded.parameter(parameter));
             let moves = after.iter().zip(before.iter()).map(|(after, before)| after - before);
-            values.iter_mut().zip(moves).for_each(|(value, by)| *value += by);
+            let stays = turned.rows_of(parameter);
+            let moves =
+                moves.enumerate().filter(|(i, _)| !stays.get(i / parameter.width()).is_some_and(|stays| *stays));
+            moves.for_each(|(i, by)| values[i] += by);
             scene.set_parameter(parameter, rows[parameter], &values);
         }
         on_step();
     }
-    Ok(Finished { scene, plan })
+    Ok(Finished { scene, plan, warnings: data.warnings })
+}
+
+/// Refuses what cannot be finished.
+fn check(job: &FinishJob<'_>) -> Result<(), IoError> {
+    let refused = |what: &str, advice: &str| Err(IoError::new(job.to, format!("cannot write: {what}")).advise(advice));
+    if job.config.exposure.rate > 0.0 {
+        return refused(
+            "the photos have exposures, which the scene would learn",
+            "leave --finish out: it is for scenes trained without exposure.rate",
+        );
+    }
+    let mut firsts: Vec<u32> = job.scene.instances.iter().filter_map(|instance| instance.first_offset).collect();
+    let offsets = firsts.len();
+    firsts.sort_unstable();
+    firsts.dedup();
+    if firsts.len() < offsets || matches!(job.scene.with_packed_own(), Cow::Owned(_)) {
+        return refused(
+            "instances share offsets or Gaussians of their own, as duplicates do, or some belong to none",
+            "finish the scene before it is edited, or leave --finish out",
+        );
+    }
+    Ok(())
+}
+
+/// The rows whose axes are not nearly those of their rounded shapes.
+struct Turned {
+    /// By source Gaussian.
+    sources: Vec<bool>,
+    /// By offset record, with its template's Gaussian.
+    records: Vec<bool>,
+}
+
+impl Turned {
+    fn between(scene: &InstancedScene, rounded: &InstancedScene, record_sources: &[Option<u32>]) -> Self {
+        let [of_scene, of_rounded] = [scene, rounded].map(|scene| scene.parameter(Parameter::Quats));
+        let pairs = of_scene.as_chunks().0.iter().zip(of_rounded.as_chunks().0);
+        let sources = pairs.map(|(a, b)| is_turned(*a, *b)).collect();
+        let quat = |scene: &InstancedScene, record: usize, source: u32| -> Option<[f32; 4]> {
+            let (template, offset) = (scene.templates.quats[source as usize], scene.offsets.quats.get(record)?);
+            Some(std::array::from_fn(|i| template[i] + offset[i]))
+        };
+        let of_record = |(record, source): (usize, &Option<u32>)| {
+            let sums = source.and_then(|source| Some((quat(scene, record, source)?, quat(rounded, record, source)?)));
+            sums.is_some_and(|(a, b)| is_turned(a, b))
+        };
+        Self { sources, records: record_sources.iter().enumerate().map(of_record).collect() }
+    }
+
+    /// By row of a parameter, whether it stays; empty if all rows move.
+    fn rows_of(&self, parameter: Parameter) -> &[bool] {
+        match parameter {
+            Parameter::Quats | Parameter::LogScales => &self.sources,
+            Parameter::OffsetQuats | Parameter::OffsetLogScales => &self.records,
+            _ => &[],
+        }
+    }
+}
+
+/// True if two rotations differ by more than the limit; so does one without a length from any other.
+fn is_turned(a: [f32; 4], b: [f32; 4]) -> bool {
+    let wide = |q: [f32; 4]| q.map(f64::from);
+    let dot = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let (a, b) = (wide(a), wide(b));
+    let cosine = dot(a, b).abs() / (dot(a, a) * dot(b, b)).sqrt();
+    cosine.is_nan() || cosine < LEAST_COSINE
 }
 
 /// The rates of a step.
 struct Schedule {
-    /// Of all rates.
+    /// The factor of all rates.
     factor: f64,
     /// Whether what is predicted from neighbours stays as it is.
     held: bool,
@@ -149,18 +239,18 @@ struct Steps {
     views: TrainViews,
     order: ViewOrder,
     options: RenderOptions,
+    config: TrainConfig,
     sh_degree: u32,
     /// Scene units.
     extent: f64,
 }
 
 impl Steps {
-    /// For scenes like this one, with the training photos of a data set.
-    fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, data: &Path) -> Result<Self, TrainError> {
-        let photos: Vec<View> = read_views(data)?.split(Split::Train).cloned().collect();
-        let cameras: Vec<Camera> = photos.iter().map(|view| view.camera.clone()).collect();
-        let budget_bytes = picture_budget(&TrainConfig::default(), gpu.device_heap_bytes());
-        let views = ViewsPlan { views: &photos, width: None, budget_bytes, seed: SEED, first_step: 0 };
+    /// Loads the training photos, and makes room for scenes with as many rows as this one.
+    fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, data: &TrainData, config: &TrainConfig) -> Result<Self, TrainError> {
+        let budget_bytes = picture_budget(config, gpu.device_heap_bytes());
+        let width = (config.width > 0).then_some(config.width);
+        let views = ViewsPlan { views: &data.train, width, budget_bytes, seed: SEED, first_step: 0 };
         let views = TrainViews::load(gpu, &views, || ())?;
         let runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), views.largest_px(), false)?;
         Ok(Self {
@@ -169,9 +259,10 @@ impl Steps {
             runner,
             order: ViewOrder::new(SEED, views.len()),
             views,
-            options: RenderOptions::default().filtered(scene.pixel_filter),
+            options: train_options(config, [0.0; 3]).filtered(scene.pixel_filter),
+            config: config.clone(),
             sh_degree: scene.sh_degree(),
-            extent: scene_extent(&cameras, &PointCloud::default()),
+            extent: data.extent,
         })
     }
 
@@ -191,7 +282,7 @@ impl Steps {
         let plan = StepPlan {
             step,
             view: self.order.view_at(step).ok_or(TrainError::NoViews)?,
-            options: self.options,
+            options: RenderOptions { background: background_at(&self.config, step), ..self.options },
             rates: schedule.rates(self.extent),
             sh_degree: self.sh_degree,
             lambda_dssim: LAMBDA_DSSIM,

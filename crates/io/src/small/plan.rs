@@ -12,7 +12,8 @@ use crate::scene_file::parse_scene_file;
 use crate::scene_write::planned_scene_file_bytes;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
 
-/// How `--pack small` rounds a scene, and the order of its rows. It holds for every scene with as many rows of everything.
+/// How `--pack small` rounds a scene, and the order of its rows. It holds for scenes with as many rows of everything, whose values can
+/// be rounded where those of the plan's could.
 #[derive(Debug)]
 pub struct SmallPlan {
     orders: Orders,
@@ -43,7 +44,7 @@ impl SmallPlan {
     /// The tensors of a scene by name; `path` is only used in messages.
     ///
     /// # Errors
-    /// The scene has not the rows of the plan's, or values of another kind: some that cannot be coded, or that can only now.
+    /// The scene has not the rows of the plan's, or values that are not finite where those of the plan's were.
     pub(crate) fn tensors(&self, scene: &InstancedScene, path: &Path) -> Result<Vec<(String, ForeignTensor)>, IoError> {
         let orders = [(&self.orders.own, &scene.own), (&self.orders.background, &scene.background)];
         let has_rows =
@@ -52,12 +53,15 @@ impl SmallPlan {
         let fits = |(table, steps): (&Table, &TableSteps)| {
             let columns = |field: &Field| field.parts.iter().map(|part| part.columns).sum::<usize>();
             let planned = |parts: &Vec<Part>| parts.iter().map(|part| part.columns).sum::<usize>();
-            table.rows == steps.classes.shape.len()
-                && table.fields.iter().map(columns).eq(steps.parts.iter().map(planned))
+            // Shapes that cannot be coded as logarithms of covariances are other fields.
+            let same_fields = table.fields.iter().map(columns).eq(steps.parts.iter().map(planned));
+            let mut rounds = table.fields.iter().zip(&steps.centres);
+            let still_rounds = rounds.all(|(field, centres)| field.can_be_coded || centres.is_empty());
+            table.rows == steps.classes.shape.len() && same_fields && still_rounds
         };
         if tables.len() != self.steps.len() || !tables.iter().zip(&self.steps).all(fits) {
-            let error = IoError::new(path, "cannot write: the plan is that of another scene");
-            return Err(error.advise("make a plan of this one"));
+            let what = "cannot write: the plan is that of another scene, or of one whose values are all finite";
+            return Err(IoError::new(path, what).advise("make a plan of this one"));
         }
         Ok(coded_tables(&tables, &self.steps))
     }
@@ -66,9 +70,8 @@ impl SmallPlan {
     /// another choice of a Gaussian's axes may have the same covariance.
     ///
     /// # Errors
-    /// The scene is inconsistent, or the plan is of another.
-    pub fn rounded(&self, scene: &InstancedScene) -> Result<InstancedScene, IoError> {
-        let path = Path::new("rounded scene");
+    /// The scene is inconsistent, or the plan is of another; `path` is only used in messages.
+    pub fn rounded(&self, scene: &InstancedScene, path: &Path) -> Result<InstancedScene, IoError> {
         let mut out = parse_scene_file(&planned_scene_file_bytes(scene, self, path)?, path)?;
         let clouds = [(&mut out.own, &self.orders.own), (&mut out.background, &self.orders.background)];
         for (cloud, order) in clouds {
