@@ -56,7 +56,7 @@ pub(super) struct ExportArgs {
     #[arg(long, value_name = "DB", default_value_t = USUAL_PICTURE_PSNR_DB, requires = "data", value_parser = parse_psnr)]
     pub(super) picture_psnr: f64,
     /// Number of steps in which the scene is trained on the photos of --data through the rounding of --pack small, so that what the
-    /// file holds looks like them: with 400, files of the same PSNR are 15 to 20 % smaller. Photos are taken as the run in whose
+    /// file holds looks like them: with 400, files of the same PSNR are some 15 % smaller. Photos are taken as the run in whose
     /// folder the scene lies was trained on them. 0 = the scene is not trained
     #[arg(long, value_name = "STEPS", default_value_t = 0, requires = "data", value_parser = clap::value_parser!(u64).range(..=100_000))]
     finish: u64,

@@ -7,9 +7,6 @@
 //! Centres, shapes, opacities and base colours of clouds are predicted from the Gaussian before, so that what they can be rounded
 //! to changes with it. After half of the steps all values are set to what they are rounded to; these stay so from then on, and the
 //! others go on from there.
-//!
-//! A rounded covariance has axes of its own. Where they are not nearly those of the Gaussian before it is rounded, as for round
-//! ones, the shape of the latter stays in this step: a move along one axis would be one along another.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -23,11 +20,12 @@ use instgs_vk::kernels::Variant;
 use instgs_vk::optim::Adam;
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::offset_runs::sources_of_records;
-use instgs_vk::scene::{InstancedScene, Parameter, ParameterSet};
+use instgs_vk::scene::{InstancedScene, ParameterSet};
 
 use super::config::{GaussianRates, PoseRates, Rates, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
+use super::finish_shapes::{Moved, are_shapes};
 use super::memory::picture_budget;
 use super::start::{TrainData, read_data};
 use super::step_runner::{StepPlan, StepRunner};
@@ -54,9 +52,6 @@ const FINAL_FACTOR: f64 = 0.1;
 /// Weight of 1 - SSIM in the loss, and Adam's constants: those of the preset `default`.
 const LAMBDA_DSSIM: f32 = 0.2;
 const ADAM: Adam = Adam { beta1: 0.9, beta2: 0.999, epsilon: 1e-15, step: 1 };
-/// Cosine of half the largest angle between axes that are nearly the same: 30 degrees, so that a move along one of them is at least 0.87
-/// of it along the other.
-const LEAST_COSINE: f64 = 0.966;
 /// Seed of the order of photos.
 const SEED: u64 = 0;
 
@@ -121,16 +116,17 @@ pub fn finish(gpu: &Arc<Gpu>, job: &FinishJob<'_>, mut on_step: impl FnMut()) ->
         };
         let at_step = |error| TrainError::Step { step, error: Box::new(error), remedy: None, saved: None };
         let moved = steps.run(step, &rounded, &schedule).map_err(at_step)?;
-        let turned = Turned::between(&scene, &rounded, &record_sources);
-        for (parameter, after) in moved.iter().filter(|(_, after)| !after.is_empty()) {
-            let (mut values, before) = (scene.parameter(parameter).into_owned(), rounded.parameter(parameter));
-            let moves = after.iter().zip(before.iter()).map(|(after, before)| after - before);
-            let stays = turned.rows_of(parameter);
-            let moves =
-                moves.enumerate().filter(|(i, _)| !stays.get(i / parameter.width()).is_some_and(|stays| *stays));
-            moves.for_each(|(i, by)| values[i] += by);
-            scene.set_parameter(parameter, rows[parameter], &values);
+        let mut after = rounded.clone();
+        for (parameter, values) in moved.iter().filter(|(_, values)| !values.is_empty()) {
+            after.set_parameter(parameter, rows[parameter], values);
+            if !are_shapes(&scene, parameter) {
+                let (mut sums, before) = (scene.parameter(parameter).into_owned(), rounded.parameter(parameter));
+                let moves = values.iter().zip(before.iter()).map(|(after, before)| after - before);
+                sums.iter_mut().zip(moves).for_each(|(sum, by)| *sum += by);
+                scene.set_parameter(parameter, rows[parameter], &sums);
+            }
         }
+        Moved { scene: &mut scene, rounded: &rounded, after: &after, record_sources: &record_sources }.add();
         on_step();
     }
     Ok(Finished { scene, plan, warnings: data.warnings })
@@ -156,49 +152,6 @@ fn check(job: &FinishJob<'_>) -> Result<(), IoError> {
         );
     }
     Ok(())
-}
-
-/// The rows whose axes are not nearly those of their rounded shapes.
-struct Turned {
-    /// By source Gaussian.
-    sources: Vec<bool>,
-    /// By offset record, with its template's Gaussian.
-    records: Vec<bool>,
-}
-
-impl Turned {
-    fn between(scene: &InstancedScene, rounded: &InstancedScene, record_sources: &[Option<u32>]) -> Self {
-        let [of_scene, of_rounded] = [scene, rounded].map(|scene| scene.parameter(Parameter::Quats));
-        let pairs = of_scene.as_chunks().0.iter().zip(of_rounded.as_chunks().0);
-        let sources = pairs.map(|(a, b)| is_turned(*a, *b)).collect();
-        let quat = |scene: &InstancedScene, record: usize, source: u32| -> Option<[f32; 4]> {
-            let (template, offset) = (scene.templates.quats[source as usize], scene.offsets.quats.get(record)?);
-            Some(std::array::from_fn(|i| template[i] + offset[i]))
-        };
-        let of_record = |(record, source): (usize, &Option<u32>)| {
-            let sums = source.and_then(|source| Some((quat(scene, record, source)?, quat(rounded, record, source)?)));
-            sums.is_some_and(|(a, b)| is_turned(a, b))
-        };
-        Self { sources, records: record_sources.iter().enumerate().map(of_record).collect() }
-    }
-
-    /// By row of a parameter, whether it stays; empty if all rows move.
-    fn rows_of(&self, parameter: Parameter) -> &[bool] {
-        match parameter {
-            Parameter::Quats | Parameter::LogScales => &self.sources,
-            Parameter::OffsetQuats | Parameter::OffsetLogScales => &self.records,
-            _ => &[],
-        }
-    }
-}
-
-/// True if two rotations differ by more than the limit; so does one without a length from any other.
-fn is_turned(a: [f32; 4], b: [f32; 4]) -> bool {
-    let wide = |q: [f32; 4]| q.map(f64::from);
-    let dot = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let (a, b) = (wide(a), wide(b));
-    let cosine = dot(a, b).abs() / (dot(a, a) * dot(b, b)).sqrt();
-    cosine.is_nan() || cosine < LEAST_COSINE
 }
 
 /// The rates of a step.

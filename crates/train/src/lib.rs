@@ -14,6 +14,7 @@ pub mod events;
 mod exposures;
 pub mod facts;
 mod finish;
+mod finish_shapes;
 pub mod given;
 pub mod initial;
 pub mod interrupt;
