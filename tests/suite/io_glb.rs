@@ -226,7 +226,7 @@ fn offsets_of_shape_and_sh_are_in_the_file() {
     (1..=3).for_each(offsets_are_in_the_file);
 }
 
-/// With offsets up to an SH degree.
+/// A scene with offsets of shape, and of SH up to a degree, looks in its file as with these added to its template.
 fn offsets_are_in_the_file(sh_degree: u32) {
     let mut scene = scene();
     scene.instances.truncate(1);

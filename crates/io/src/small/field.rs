@@ -117,7 +117,7 @@ pub(super) enum Centre<'a> {
     Middle,
     /// At the whole number next to that: whole numbers stay whole.
     Whole,
-    /// Here, by column.
+    /// At these values, one for each column.
     At(&'a [f32]),
 }
 

@@ -86,9 +86,9 @@ impl Field {
 /// The order of a file's rows, as indices of the scene's; `None` = as they are.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Orders {
-    /// Of instances' own Gaussians.
+    /// The order of instances' own Gaussians.
     pub(super) own: Option<Vec<u32>>,
-    /// Of the background.
+    /// The order of the background.
     pub(super) background: Option<Vec<u32>>,
 }
 

@@ -35,7 +35,7 @@ impl TableSteps {
         Plan { parts: &self.parts[f], classes: &self.classes, centre, opponent: field.opponent }
     }
 
-    /// With centres and memories that are best for the values of the table, and that others get, too.
+    /// The same steps with the centres and memories that are best for the values of the table; others get them, too.
     pub(super) fn fixed_for(mut self, table: &Table) -> Self {
         for (f, field) in table.fields.iter().enumerate().filter(|(_, field)| field.can_be_coded) {
             if let Some(rounded) = rounded_field(&field.values, table.rows, &self.of_field(f, field)) {
