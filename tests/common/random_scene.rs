@@ -86,8 +86,8 @@ pub(crate) fn add_own_gaussians(rng: &mut Rng, case: &mut RandomCase) {
     (scene.own, scene.own_ranges) = (own, ranges);
 }
 
-/// Adds offsets of SH coefficients above 0 (up to some degree), of scales and of quaternions
-/// to all records; of these three the kind `left_out`, from 1, is left out.
+/// Adds offsets of SH coefficients above 0 up to some degree, of scales and of quaternions to all records; of these three the kind
+/// `left_out`, from 1, is left out.
 pub(crate) fn add_rare_offsets(rng: &mut Rng, scene: &mut InstancedScene, left_out: u64) {
     let records = scene.offsets.len();
     let degree = scene.templates.sh_degree.min(1 + rng.fork(1).index(3) as u32);

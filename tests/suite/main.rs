@@ -18,6 +18,7 @@ mod cli_blocks;
 mod cli_disturbed;
 mod cli_edit;
 mod cli_eval;
+mod cli_export;
 mod cli_instanced;
 mod cli_lod;
 mod cli_masks;

@@ -1,6 +1,6 @@
 //! `--pack small` in files: precision, size, what does not fit the format, older formats, and damage.
 
-use super::tests::{difference, path, repeated, through};
+use super::tests::{difference, path, repeated, scenes, through};
 use super::*;
 use crate::scene_file::parse_scene_file;
 use crate::small::{Sensitivity, SmallPlan};
@@ -82,14 +82,7 @@ fn covariance_difference(a: &[DMat3], b: &[DMat3]) -> f64 {
 
 #[test]
 fn small_keeps_half_a_step() -> Result<(), IoError> {
-    for scene in [
-        sample_scene(),
-        with_ablations(),
-        with_low_sh_offsets(),
-        with_own(),
-        repeated(3, 20),
-        InstancedScene::default(),
-    ] {
+    for scene in scenes() {
         let back = through(&scene, Pack::Small)?;
         assert_eq!(
             (&back.instances, &back.groups, &back.foreign_tensors, &back.template_ranges, &back.own_ranges),

@@ -45,16 +45,14 @@ pub(super) fn difference(a: &[f32], b: &[f32], scale: f32) -> f32 {
     a.iter().zip(b).map(of).fold(0.0, f32::max)
 }
 
+/// Scenes with offsets of every kind and without, with own Gaussians, with many instances, and with nothing.
+pub(super) fn scenes() -> [InstancedScene; 6] {
+    [sample_scene(), with_ablations(), with_low_sh_offsets(), with_own(), repeated(3, 20), InstancedScene::default()]
+}
+
 #[test]
 fn f16_keeps_eleven_bits_and_means_and_poses_whole() -> Result<(), IoError> {
-    for scene in [
-        sample_scene(),
-        with_ablations(),
-        with_low_sh_offsets(),
-        with_own(),
-        repeated(3, 20),
-        InstancedScene::default(),
-    ] {
+    for scene in scenes() {
         let bytes = packed_scene_file_bytes(&scene, Pack::F16, path())?;
         let back = parse_scene_file(&bytes, path())?;
         assert_eq!(packed_scene_file_bytes(&back, Pack::F16, path())?, bytes, "a second packing loses more");

@@ -78,15 +78,10 @@ impl CloudGradient {
     }
 }
 
-/// Adds what one (instance, Gaussian) pair contributes to row `row` of everything that `owner` has; `rest` SH coefficients above
-/// 0 have offsets.
-fn add_per_instance(
-    sums: &mut ParameterSet<Vec<f64>>,
-    owner: Owner,
-    row: usize,
-    rest: usize,
-    gradient: &SourceGradient,
-) {
+/// Adds what one (instance, Gaussian) pair contributes to row `row` of everything that `owner` has.
+fn add_per_instance(sums: &mut ParameterSet<Vec<f64>>, owner: Owner, row: usize, gradient: &SourceGradient) {
+    // A record has a mean of three numbers, and three for each SH coefficient above 0 that has offsets.
+    let rest = sums[Parameter::OffsetShRest].len() / sums[Parameter::OffsetMeans].len().max(1);
     let flat = |colors: &[DVec3]| colors.iter().flat_map(|color| color.to_array()).collect();
     for (parameter, sums) in sums.iter_mut().filter(|(parameter, _)| parameter.owner() == owner) {
         let values: Vec<f64> = match parameter {
@@ -143,7 +138,6 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
         instances: vec![[[0.0; 4]; 3]; scene.instances.len()],
         poses: Vec::new(),
     };
-    let rest = scene.offsets.rest_coefficients();
     let mut in_flat_order = gradients.iter();
     for (k, (instance, d_placement)) in scene.instances.iter().zip(&mut out.instances).enumerate() {
         let range = scene.template_ranges[instance.template as usize];
@@ -151,10 +145,9 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
             let Some(Some(gradient)) = in_flat_order.next() else { continue };
             out.templates.add((range.first + local) as usize, gradient);
             d_placement.iter_mut().zip(gradient.world_from_template).for_each(|(sum, row)| add(sum, row));
-            add_per_instance(&mut out.per_instance, Owner::Instance, k, rest, gradient);
+            add_per_instance(&mut out.per_instance, Owner::Instance, k, gradient);
             if let Some(first) = instance.first_offset {
-                let record = (first + local) as usize;
-                add_per_instance(&mut out.per_instance, Owner::Offset, record, rest, gradient);
+                add_per_instance(&mut out.per_instance, Owner::Offset, (first + local) as usize, gradient);
             }
         }
         for i in scene.own_range(k).indices() {

@@ -223,11 +223,11 @@ fn by_column(parts: &[Part]) -> Vec<Part> {
 
 /// How the values of a field are rounded, and to what.
 pub(super) struct Rounded {
-    /// By column.
+    /// The prediction of the first row of each column, and of all rows without a memory.
     pub(super) centres: Vec<f32>,
-    /// With a memory that is chosen and steps that reach all values.
+    /// The parts as they are stored: each has a memory, and steps that reach all of its values.
     pub(super) parts: Vec<Part>,
-    /// Column by column.
+    /// The numbers of steps between values and their predictions, all rows of a column before those of the next.
     integers: Vec<i64>,
 }
 

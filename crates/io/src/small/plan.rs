@@ -44,7 +44,7 @@ impl SmallPlan {
     /// The tensors of a scene by name; `path` is only used in messages.
     ///
     /// # Errors
-    /// The scene has not the rows of the plan's, or values that are not finite where those of the plan's were.
+    /// The scene has other numbers of rows than the plan's, or values that are not finite in a field that was finite.
     pub(crate) fn tensors(&self, scene: &InstancedScene, path: &Path) -> Result<Vec<(String, ForeignTensor)>, IoError> {
         let orders = [(&self.orders.own, &scene.own), (&self.orders.background, &scene.background)];
         let has_rows =
@@ -60,17 +60,18 @@ impl SmallPlan {
             table.rows == steps.classes.shape.len() && same_fields && still_rounds
         };
         if tables.len() != self.steps.len() || !tables.iter().zip(&self.steps).all(fits) {
-            let what = "cannot write: the plan is that of another scene, or of one whose values are all finite";
+            let what =
+                "cannot write: the plan is that of another scene, or of this one while all of its values were finite";
             return Err(IoError::new(path, what).advise("make a plan of this one"));
         }
         Ok(coded_tables(&tables, &self.steps))
     }
 
     /// The scene as its file would have it, but with rows in the order of `scene`. Rotations have the axes that the file gives them:
-    /// another choice of a Gaussian's axes may have the same covariance.
+    /// another choice of a Gaussian's axes may have the same covariance. `path` is only used in messages.
     ///
     /// # Errors
-    /// The scene is inconsistent, or the plan is of another; `path` is only used in messages.
+    /// The scene is inconsistent, or the plan is of another.
     pub fn rounded(&self, scene: &InstancedScene, path: &Path) -> Result<InstancedScene, IoError> {
         let mut out = parse_scene_file(&planned_scene_file_bytes(scene, self, path)?, path)?;
         let clouds = [(&mut out.own, &self.orders.own), (&mut out.background, &self.orders.background)];
