@@ -165,13 +165,14 @@ struct Schedule {
 impl Schedule {
     fn rates(&self, extent: f64) -> Rates {
         let GaussianRates { means, sh_dc, sh_rest, opacity, log_scales, quats } = RATES;
-        let of = |predicted: f64| GaussianRates {
-            means: predicted * means * extent,
-            sh_dc: predicted * sh_dc,
+        // Only SH coefficients above 0 are never predicted.
+        let of = |factor_of_predicted: f64| GaussianRates {
+            means: factor_of_predicted * means * extent,
+            sh_dc: factor_of_predicted * sh_dc,
             sh_rest: self.factor * sh_rest,
-            opacity: predicted * opacity,
-            log_scales: predicted * log_scales,
-            quats: predicted * quats,
+            opacity: factor_of_predicted * opacity,
+            log_scales: factor_of_predicted * log_scales,
+            quats: factor_of_predicted * quats,
         };
         let clouds = of(if self.held { 0.0 } else { self.factor });
         Rates {

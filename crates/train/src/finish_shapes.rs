@@ -78,7 +78,11 @@ impl Moved<'_> {
             (&mut scene.background, &rounded.background, &after.background),
         ];
         for (cloud, rounded, after) in clouds {
-            let of = |i: usize| moved(&shape_of(cloud, i), &shape_of(rounded, i), &shape_of(after, i));
+            let of = |i: usize| {
+                let (from, to) = (shape_of(rounded, i), shape_of(after, i));
+                // All of them, once they are held: taking them apart and together again would move them by rounding.
+                if from == to { None } else { moved(&shape_of(cloud, i), &from, &to) }
+            };
             let shapes: Vec<Option<Shape>> = (0..cloud.len()).into_par_iter().map(of).collect();
             for (i, shape) in shapes.iter().enumerate().filter_map(|(i, shape)| Some((i, shape.as_ref()?))) {
                 (cloud.quats[i], cloud.log_scales[i]) = (narrow(shape.quat), narrow(shape.log_scales));
