@@ -1,7 +1,7 @@
 #version 460
 // Chooses the depths at which a frame's layers begin: the second of two passes.
 //
-// Each layer but the first gets as many chunks as all before it: with 6 layers the first takes a 32nd of the chunks, the last
+// Each layer but the first gets as many chunks as all before it: with 4 layers the first takes an eighth of the chunks, the last
 // half of them. So if the front of a scene hides what is behind, little of it has been expanded before that is known.
 //
 // - Reads `layer_bins` (by bin): chunks by depth.

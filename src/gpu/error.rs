@@ -123,7 +123,10 @@ pub enum GpuError {
         reason: String,
     },
     /// The start-up self-test found a wrong result.
-    #[error("self-test of {what} failed on {device} with subgroup size {subgroup_size}: {reason}")]
+    #[error(
+        "self-test of {what} failed on {device} with subgroup size {subgroup_size}: {reason}; the environment variable \
+         INSTGS_TUNING=subgroup_size=N takes another size, if the device has one (instgs-vk info)"
+    )]
     SelfTest {
         /// Name of the test that failed.
         what: String,

@@ -82,6 +82,16 @@ impl Variant {
         Self { tile_size: BLOCK_SIDE, ..Self::for_device(caps) }
     }
 
+    /// What to try if this variant, that of the device, fails the self-test: the other subgroup sizes with the same tiles, as a
+    /// driver may compile one size wrongly. None for a device that is tuned, where another variant would not be what is measured.
+    pub fn fallbacks(&self, caps: &DeviceCaps) -> Vec<Self> {
+        if !caps.tuning.is_empty() {
+            return Vec::new();
+        }
+        let others = caps.subgroup_sizes().into_iter().filter(|&size| size != self.subgroup_size);
+        others.map(|size| Self { tile_size: self.tile_size, ..Self::for_subgroup_size(caps, size) }).collect()
+    }
+
     /// The variant for a device, changed by `caps.tuning`: its names are those of the fields, and 0 and 1 are no and yes.
     ///
     /// # Errors
@@ -269,6 +279,16 @@ mod tests {
             DeviceCaps { min_subgroup_size: 16, max_subgroup_size: 16, shared_memory_bytes: 16 << 10, ..caps("") };
         let Variant { radix_workgroup_size, .. } = Variant::for_device(&small);
         assert!(sort_shared_bytes(radix_workgroup_size, 16, false) <= 16 << 10);
+    }
+
+    #[test]
+    fn other_sizes_stand_in_but_for_a_tuned_device() {
+        let sizes = |tuning| DeviceCaps { min_subgroup_size: 8, max_subgroup_size: 64, ..caps(tuning) };
+        let training = Variant::for_training(&sizes(""));
+        let others = training.fallbacks(&sizes(""));
+        assert_eq!(others.iter().map(|other| other.subgroup_size).collect::<Vec<_>>(), [8, 16, 64]);
+        assert!(others.iter().all(|other| (other.tile_size, other.workgroup_size) == (8, training.workgroup_size)));
+        assert!(training.fallbacks(&sizes("subgroup_size=32")).is_empty());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Settings of a picture besides the camera, and the two together as kernels take them.
 
 use crate::gpu::interface::types;
-use crate::scene::{Camera, DevicePrecision, PixelFilter};
+use crate::scene::{Camera, DevicePrecision, InstancedScene, NearPlane, PixelFilter};
 
 use super::error::RenderError;
 
@@ -42,7 +42,7 @@ impl Default for RenderOptions {
     /// The INRIA constants: near 0.2, dilation 0.3, black background; everything at full detail, in f32.
     fn default() -> Self {
         Self {
-            near: 0.2,
+            near: NearPlane::default().0,
             dilation_px2: 0.3,
             antialias: false,
             background: [0.0; 3],
@@ -57,6 +57,11 @@ impl Default for RenderOptions {
 }
 
 impl RenderOptions {
+    /// How a scene is drawn if nothing else is asked for: with the near plane and the pixel filter that it was trained with.
+    pub fn of(scene: &InstancedScene) -> Self {
+        Self { near: scene.near_plane.0, ..Self::default() }.filtered(scene.pixel_filter)
+    }
+
     /// The same with another pixel filter.
     #[must_use]
     pub fn filtered(self, filter: PixelFilter) -> Self {
@@ -66,7 +71,7 @@ impl RenderOptions {
     /// Fails with the first option that is out of range.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let fail = |option, reason: String| Err(RenderError::Option { option, reason });
-        if !(self.near.is_finite() && self.near >= 0.0) {
+        if !NearPlane(self.near).is_valid() {
             return fail("near", format!("{} is not a finite number >= 0", self.near));
         }
         // The projected variance must not vanish: 1e-6 px^2 is a thousandth of a pixel.

@@ -25,7 +25,7 @@ use super::paged_scene::PagedScene;
 use super::picture::Picture;
 use super::plan::{Capacities, FramePlan, INITIAL};
 use super::render_options::{RenderOptions, view_of};
-use super::self_test::self_test;
+use super::self_test::{first_sound, self_test};
 use growth::Growth;
 use slabs::{AfterSlab, Start};
 pub(super) use slabs::{BlendedSlab, Counters, EachSlab, purpose_of};
@@ -87,18 +87,7 @@ impl Renderer {
 
     fn with_first_sound_variant(gpu: &Arc<Gpu>, profile: bool) -> Result<Self, RenderError> {
         let preferred = Variant::for_device(gpu.caps());
-        if !gpu.caps().tuning.is_empty() {
-            // Another variant would not be what is to be measured.
-            return Self::with_variant(gpu, preferred, profile);
-        }
-        let mut sizes = gpu.caps().subgroup_sizes();
-        sizes.retain(|&size| size != preferred.subgroup_size);
-        let mut result = Self::with_variant(gpu, preferred, profile);
-        for size in sizes {
-            let Err(RenderError::Gpu(GpuError::SelfTest { .. })) = &result else { break };
-            result = Self::with_variant(gpu, Variant::for_subgroup_size(gpu.caps(), size), profile);
-        }
-        result
+        first_sound(preferred, preferred.fallbacks(gpu.caps()), |variant| Self::with_variant(gpu, variant, profile))
     }
 
     /// Creates a renderer for a given variant; `profile` times every pass.

@@ -7,11 +7,29 @@ use crate::gpu::staging::{download, upload, write};
 use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::{Primitives, Variant};
 
+use super::error::RenderError;
 use super::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
 use super::sort::{DigitTables, Sort, SortBuffers, record_sort};
 
 /// Several blocks, of which the last is partly filled: the scan carries sums from one to the next.
 const TEST_LEN: u32 = 16 * BLOCK_SIZE + 77;
+
+/// What `make` makes of a variant, or, if that fails the self-test, of the first of the others that passes it.
+///
+/// # Errors
+/// Those of `make`; if all fail the test, for the last.
+pub(super) fn first_sound<T>(
+    preferred: Variant,
+    others: impl IntoIterator<Item = Variant>,
+    mut make: impl FnMut(Variant) -> Result<T, RenderError>,
+) -> Result<T, RenderError> {
+    let mut result = make(preferred);
+    for variant in others {
+        let Err(RenderError::Gpu(GpuError::SelfTest { .. })) = &result else { break };
+        result = make(variant);
+    }
+    result
+}
 
 /// Scans and sorts known numbers, and compares with the host.
 ///

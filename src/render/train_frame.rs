@@ -18,7 +18,7 @@ use super::gradients::{BackwardBuffers, GradientBuffers, SourceTables, StepLog};
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::render_options::{RenderOptions, view_of};
 use super::renderer::{check_fits, longest_list, tile_size_for};
-use super::self_test::self_test;
+use super::self_test::{first_sound, self_test};
 
 /// Pipelines and buffers of training steps, for pictures up to a maximum size.
 pub struct TrainFrame {
@@ -49,6 +49,17 @@ pub const LARGEST_OF_SLOT: u64 = {
 };
 
 impl TrainFrame {
+    /// Creates a frame with the variant for a device's training or, if that fails the self-test, with another subgroup size that has
+    /// as large chunks.
+    ///
+    /// # Errors
+    /// As [`TrainFrame::new`], with all of them.
+    pub fn sound(gpu: &Arc<Gpu>, preferred: Variant) -> Result<Self, RenderError> {
+        let others = preferred.fallbacks(gpu.caps()).into_iter();
+        let alike = others.filter(|other| other.workgroup_size == preferred.workgroup_size);
+        first_sound(preferred, alike, |variant| Self::new(gpu, variant))
+    }
+
     /// Creates a frame for a device and variant.
     ///
     /// # Errors

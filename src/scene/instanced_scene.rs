@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::{Gaussians, sh_coefficients};
 use crate::scene::lod::{FittedLevel, NO_NEXT_CELL};
+use crate::scene::near_plane::NearPlane;
 use crate::scene::offsets::Offsets;
 use crate::scene::pixel_filter::PixelFilter;
 
@@ -96,6 +97,8 @@ pub struct InstancedScene {
     pub fitted_levels: Vec<FittedLevel>,
     /// The pixel filter that the scene was trained with; renderers should use it.
     pub pixel_filter: PixelFilter,
+    /// The near plane that the scene was trained with; renderers should use it.
+    pub near_plane: NearPlane,
     /// Groups of instances with names and mask ids.
     pub groups: Vec<Group>,
     /// Where the scene came from, free text.

@@ -295,6 +295,16 @@ impl InstancedScene {
         }
     }
 
+    /// True if both show the same, to the bit: templates, instances with offsets and own Gaussians, background. Names, where they came
+    /// from, and what a file had besides may differ.
+    pub fn shows_the_same(&self, other: &Self) -> bool {
+        self.template_ranges == other.template_ranges
+            && self.instances == other.instances
+            && self.own_ranges == other.own_ranges
+            && (self.pixel_filter, self.near_plane) == (other.pixel_filter, other.near_plane)
+            && Parameter::ALL.iter().all(|&parameter| self.parameter(parameter) == other.parameter(parameter))
+    }
+
     /// Replaces the numbers of a parameter, of which there are `rows` rows; SH degrees, and the number of instances' own
     /// Gaussians, stay unchanged.
     pub fn set_parameter(&mut self, parameter: Parameter, rows: Rows, values: &[f32]) {

@@ -7,7 +7,9 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::ForeignTensor;
 use instgs_vk::scene::lod::{FittedLevel, template_print};
-use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, PixelFilter, SourceRange};
+use instgs_vk::scene::{
+    Camera, Gaussians, Group, Instance, InstancedScene, NearPlane, Offsets, PixelFilter, SourceRange,
+};
 
 /// Twelve cameras on a ring of radius 9 around the origin, 4 above it, looking at it with `up` upwards.
 pub fn ring(up: DVec3) -> Vec<Camera> {
@@ -62,6 +64,7 @@ pub fn sample_scene() -> InstancedScene {
         background: sample(3, 4),
         fitted_levels: Vec::new(),
         pixel_filter: PixelFilter { antialias: true, ..PixelFilter::default() },
+        near_plane: NearPlane::default(),
         groups: vec![Group { template_id: 0, name: Some("chair \"a\"".into()), instance_ids: vec![4, 9] }],
         source: "test".into(),
         foreign_tensors: BTreeMap::from([
