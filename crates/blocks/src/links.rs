@@ -26,11 +26,47 @@ pub(crate) fn relative_text(folder: &Path, target: &Path) -> String {
     path.to_string_lossy().replace('\\', "/")
 }
 
+/// The folder of a data set.
+pub(crate) struct DataFolder<'a> {
+    /// As it was given.
+    given: &'a Path,
+    /// Absolute, without links or dots.
+    pub(crate) real: PathBuf,
+}
+
+impl<'a> DataFolder<'a> {
+    /// The folder at a path.
+    ///
+    /// # Errors
+    /// It cannot be found.
+    pub(crate) fn new(given: &'a Path) -> Result<Self, IoError> {
+        let real = std::fs::canonicalize(given).map_err(|e| IoError::os(given, "cannot find", &e))?;
+        Ok(Self { given, real })
+    }
+
+    /// An absolute path of a file that the reader of the data set names; the file may be missing. Within the data set the path
+    /// below its folder stays as it is, links included: views, and so their masks, are named by it. Elsewhere it has no links or
+    /// dots.
+    ///
+    /// # Errors
+    /// The file's folder cannot be found.
+    pub(crate) fn path_of(&self, file: &Path) -> Result<PathBuf, IoError> {
+        let absolute = std::path::absolute(self.given).unwrap_or_else(|_| self.given.into());
+        let named = [self.given, absolute.as_path(), self.real.as_path()];
+        let below = named.into_iter().find_map(|folder| file.strip_prefix(folder).ok());
+        // A path with two dots may lead out of the folder.
+        match below.filter(|below| below.components().all(|part| matches!(part, Component::Normal(_)))) {
+            Some(below) => Ok(self.real.join(below)),
+            None => real_path(file),
+        }
+    }
+}
+
 /// An absolute path without links or dots of a file that may be missing, in a folder that exists.
 ///
 /// # Errors
 /// Its folder cannot be found.
-pub(crate) fn real_path(file: &Path) -> Result<PathBuf, IoError> {
+fn real_path(file: &Path) -> Result<PathBuf, IoError> {
     let folder = match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
@@ -71,5 +107,32 @@ mod tests {
         assert_eq!(path("/a/data/out/b", "/a/data/x.png"), "../../x.png");
         assert_eq!(path("/a", "/a/b/c"), "b/c");
         assert_eq!(path("/a/b", "/z/c"), "../../z/c");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn only_links_outside_of_the_data_set_are_followed() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let real = std::fs::canonicalize(folder.path())?;
+        for below in ["disk/cam_a", "disk/set/images/own"] {
+            std::fs::create_dir_all(real.join(below))?;
+        }
+        // The data set is a link, a folder of its photos is one, and so is one beside it.
+        let links = [("disk/set", "data"), ("../../cam_a", "disk/set/images/left"), ("disk/cam_a", "beside")];
+        for (target, link) in links {
+            std::os::unix::fs::symlink(target, real.join(link))?;
+        }
+        let given = real.join("data");
+        let data = DataFolder::new(&given)?;
+        let path = |file: &str| data.path_of(&given.join(file));
+        assert_eq!(data.real, real.join("disk/set"));
+        assert_eq!(path("images/left/1.png")?, real.join("disk/set/images/left/1.png"));
+        assert_eq!(path("images/own/missing.png")?, real.join("disk/set/images/own/missing.png"));
+        // A file that names its photos by the real folder; and photos outside.
+        assert_eq!(data.path_of(&data.real.join("images/left/1.png"))?, real.join("disk/set/images/left/1.png"));
+        assert_eq!(path("../cam_a/1.png")?, real.join("disk/cam_a/1.png"));
+        assert_eq!(data.path_of(&real.join("beside/1.png"))?, real.join("disk/cam_a/1.png"));
+        assert!(DataFolder::new(&real.join("none")).is_err());
+        Ok(())
     }
 }

@@ -82,7 +82,8 @@ impl Plan {
     }
 }
 
-/// The folder with the plan above a run or a scene that lies in a block's folder, and the block's name.
+/// The folder with the plan above a run or a scene that lies in a block's folder, and the block's name. The folder is without
+/// links or dots; the run itself may be a link to elsewhere.
 ///
 /// # Errors
 /// No folder above has a plan.
@@ -93,7 +94,9 @@ pub fn block_of(run: &Path) -> Result<(PathBuf, String), IoError> {
         if let Some(name) = below.and_then(Path::file_name)
             && folder.join(PLAN).is_file()
         {
-            return Ok((folder.into(), name.to_string_lossy().into_owned()));
+            // Runs of one split may be named in several ways; they are compared by this folder.
+            let real = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.into());
+            return Ok((real, name.to_string_lossy().into_owned()));
         }
         below = Some(folder);
     }
@@ -126,7 +129,7 @@ mod tests {
         plan.write(folder.path())?;
         assert_eq!(Plan::read(folder.path())?, plan);
         assert_eq!(plan.owner([3.0, 0.4]), Some(0));
-        assert_eq!(block_of(&run)?, (std::path::absolute(folder.path())?, "block_01".to_owned()));
+        assert_eq!(block_of(&run)?, (std::fs::canonicalize(folder.path())?, "block_01".to_owned()));
         plan.format = "instgs-blocks/9".into();
         plan.write(folder.path())?;
         assert!(Plan::read(folder.path()).is_err_and(|e| e.to_string().contains("instgs-blocks/9")));

@@ -8,7 +8,7 @@ use instgs_io::{Dataset, IoError, MaskFolder, read_points, read_views, run_folde
 use instgs_vk::scene::PointCloud;
 
 use crate::divide::{DivideOptions, Division, divide};
-use crate::links::{link_folder, real_path, relative_path, relative_text};
+use crate::links::{DataFolder, link_folder, relative_path, relative_text};
 use crate::plan::{PLAN, Plan};
 
 /// Name of a block's points, which its `transforms.json` names.
@@ -38,8 +38,8 @@ pub fn split(data: &Path, out: &Path, options: &DivideOptions) -> Result<Written
         return Err(error.advise(advice_without_points(data)));
     };
     notes.extend(loaded.notes);
-    let real_data = std::fs::canonicalize(data).map_err(|e| IoError::os(data, "cannot find", &e))?;
-    let division = divide(&real_data, &dataset, &loaded.points, options)?;
+    let data = DataFolder::new(data)?;
+    let division = divide(&data.real, &dataset, &loaded.points, options)?;
     if out.join(PLAN).exists() && Plan::read(out)? != division.plan {
         let error = IoError::new(out, "holds blocks of another data set, or divided in another way");
         return Err(error.advise("choose another folder"));
@@ -47,7 +47,7 @@ pub fn split(data: &Path, out: &Path, options: &DivideOptions) -> Result<Written
     run_folder::create(out)?;
     let folder = std::fs::canonicalize(out).map_err(|e| IoError::os(out, "cannot find", &e))?;
     for number in 0..division.plan.blocks.len() {
-        write_block(&folder, &real_data, number, &division, &dataset, &loaded.points)?;
+        write_block(&folder, &data, number, &division, &dataset, &loaded.points)?;
     }
     division.plan.write(&folder)?;
     Ok(Written { plan: division.plan, folder, notes })
@@ -55,7 +55,7 @@ pub fn split(data: &Path, out: &Path, options: &DivideOptions) -> Result<Written
 
 fn write_block(
     folder: &Path,
-    data: &Path,
+    data: &DataFolder<'_>,
     number: usize,
     division: &Division,
     dataset: &Dataset,
@@ -65,10 +65,10 @@ fn write_block(
     run_folder::create(&own)?;
     let frame = |&v: &usize| {
         let view = &dataset.views[v];
-        let mask = view.mask_path.as_deref().map(real_path).transpose()?;
+        let mask = view.mask_path.as_deref().map(|mask| data.path_of(mask)).transpose()?;
         Ok(Frame {
             camera: &view.camera,
-            file: relative_text(&own, &real_path(&view.image_path)?),
+            file: relative_text(&own, &data.path_of(&view.image_path)?),
             distortion: view.distortion,
             mask: mask.map(|path| relative_text(&own, &path)),
             split: Some(view.split),
@@ -81,9 +81,55 @@ fn write_block(
         cloud.colors.push(points.colors[i]);
     }
     write_points(&own.join(POINTS), &cloud)?;
-    if let Some(masks) = MaskFolder::default_for(data) {
+    if let Some(masks) = MaskFolder::default_for(&data.real) {
         let link = own.join("masks");
         link_folder(&relative_path(&own, &masks), &link)?;
     }
     write_frames(&own.join("transforms.json"), &frames, Some(POINTS))
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use crate::cell::{Cell, Ground};
+    use crate::plan::Block;
+
+    /// Photos of two cameras, whose folders are links: views are named by the links, as their masks are.
+    #[test]
+    fn views_of_a_block_have_the_names_that_they_have_in_the_whole() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let (data, blocks) = (folder.path().join("data"), folder.path().join("blocks"));
+        std::fs::create_dir_all(data.join("images"))?;
+        for (camera, link) in [("a", "left"), ("b", "right")] {
+            let photos = folder.path().join("disk").join(camera);
+            std::fs::create_dir_all(&photos)?;
+            std::os::unix::fs::symlink(photos, data.join("images").join(link))?;
+        }
+        let frame = |link: &str| {
+            let pose = "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]";
+            format!(r#"{{"file_path":"images/{link}/1.png","transform_matrix":{pose}}}"#)
+        };
+        let text = format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{},{}]}}"#, frame("left"), frame("right"));
+        std::fs::write(data.join("transforms.json"), text)?;
+        let dataset = read_views(&data)?;
+        let block = Block {
+            name: "block_00".into(),
+            cell: Cell::default(),
+            margin: [0.0; 2],
+            train_views: 2,
+            test_views: 0,
+            points: 0,
+            far_points: 0,
+        };
+        let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
+        let plan = Plan::new(data.clone(), ground, vec![block]);
+        let division = Division { plan, views: vec![vec![0, 1]], points: vec![vec![]] };
+        run_folder::create(&blocks)?;
+        let blocks = std::fs::canonicalize(&blocks)?;
+        write_block(&blocks, &DataFolder::new(&data)?, 0, &division, &dataset, &PointCloud::default())?;
+        let names = |dataset: &Dataset| dataset.views.iter().map(|v| v.camera.name.clone()).collect::<Vec<_>>();
+        assert_eq!(names(&dataset), ["left_1", "right_1"]);
+        assert_eq!(names(&read_views(&blocks.join("block_00"))?), names(&dataset));
+        Ok(())
+    }
 }

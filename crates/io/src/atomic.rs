@@ -10,23 +10,18 @@ use tempfile::NamedTempFile;
 
 use crate::{IoError, read_bytes};
 
-/// Prefix of the names of [`atomic_write`]'s temporary files; a killed process may leave one behind.
+/// Prefix of the names of [`locked_temporary`]'s files; a killed process may leave one behind.
 pub const TEMPORARY_PREFIX: &str = ".instgs-";
 
 /// Writes a file atomically, so that readers see either the old content or all of the new: into a temporary file in the
-/// same folder, which is then renamed. On failure the old file is unchanged and the temporary file is removed. The first file that
-/// a process writes into a folder also removes the temporary files that killed processes left there.
+/// same folder, which is then renamed. On failure the old file is unchanged and the temporary file is removed. The first file
+/// that a process writes into a folder also removes the temporary files that killed processes left there.
 ///
 /// # Errors
 /// The folder does not exist or refuses the file, `write` fails, or the disk is full.
 pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), IoError> {
     let fail = |error: &std::io::Error| IoError::os(path, "cannot write", error);
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    sweep_once(folder);
-    let mut file = locked_temporary(folder).map_err(|e| fail(&e))?;
+    let mut file = locked_temporary(path, "")?;
     {
         let mut buffered = BufWriter::with_capacity(1 << 20, file.as_file_mut());
         write(&mut buffered).and_then(|()| buffered.flush()).map_err(|e| fail(&e))?;
@@ -35,11 +30,30 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
     Ok(())
 }
 
-/// A new temporary file, locked until the process ends. All that write into a folder must see each other's locks: not so on
-/// network file systems whose locks are local to a machine.
-fn locked_temporary(folder: &Path) -> std::io::Result<NamedTempFile> {
+/// A new, empty temporary file beside `path`, which becomes that file by [`NamedTempFile::persist`] and is removed if it does
+/// not. `ending` is that of its name, for programs that go by it (".mp4", say), or empty: then nobody who lists a folder takes it
+/// for a photo or a scene.
+///
+/// It is locked while it is open. Other processes remove files of this kind that nobody has locked, so it must stay open until
+/// it has its name: [`NamedTempFile::into_temp_path`] ends the lock, and [`atomic_write`] to its path puts another file there,
+/// which is not locked. On Windows a lock also keeps other programs from writing. All that write into a folder must see each
+/// other's locks: not so on network file systems whose locks are local to a machine.
+///
+/// # Errors
+/// The folder does not exist or refuses the file.
+pub fn locked_temporary(path: &Path, ending: &str) -> Result<NamedTempFile, IoError> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    sweep_once(folder);
+    locked_in(folder, ending).map_err(|error| IoError::os(path, "cannot write", &error))
+}
+
+/// A new temporary file in a folder, locked.
+fn locked_in(folder: &Path, ending: &str) -> std::io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(TEMPORARY_PREFIX);
+    builder.prefix(TEMPORARY_PREFIX).suffix(ending);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -86,7 +100,7 @@ fn sweep(folder: &Path) {
     let temporary = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(TEMPORARY_PREFIX));
     for entry in temporary.filter(|entry| entry.metadata().is_ok_and(|data| data.is_file())) {
         let path = entry.path();
-        // The lock is held until the file is removed: see `locked_temporary`.
+        // The lock is held until the file is removed: see `locked_in`.
         if let Ok(file) = File::open(&path)
             && file.try_lock().is_ok()
         {
@@ -127,6 +141,29 @@ mod tests {
         let mut left: Vec<_> = fs::read_dir(folder.path())?.flatten().map(|entry| entry.file_name()).collect();
         left.sort();
         assert_eq!(left, [".instgs-held", ".other", "x.bin"]);
+        Ok(())
+    }
+
+    /// What other programs write into is locked as long as it is open, whoever sweeps.
+    #[test]
+    #[cfg(unix)]
+    fn a_temporary_file_stays_while_it_is_open() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("x.mp4");
+        let file = locked_temporary(&path, ".mp4")?;
+        let name = file.path().file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        assert!(name.starts_with(TEMPORARY_PREFIX) && name.ends_with(".mp4"), "{name}");
+        assert_eq!(file.path().parent(), Some(folder.path()));
+        // Another program writes by the name.
+        fs::write(file.path(), "film")?;
+        sweep(folder.path());
+        file.persist(&path).map_err(|e| e.error)?;
+        assert_eq!(fs::read(&path)?, b"film");
+        let closed = locked_temporary(&path, "")?.into_temp_path();
+        sweep(folder.path());
+        assert!(!closed.exists(), "nobody holds its lock");
+        let none = locked_temporary(&folder.path().join("none/x.mp4"), ".mp4").err().map(|e| e.to_string());
+        assert!(none.is_some_and(|text| text.contains("x.mp4: cannot write: ")));
         Ok(())
     }
 

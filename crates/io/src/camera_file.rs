@@ -139,16 +139,10 @@ mod tests {
             })
             .collect();
         write_cameras(&path, &cameras)?;
-        // serde_json without its feature `float_roundtrip` may miss the last bit.
-        let near = |a: &Camera, b: &Camera| {
-            let pose = |c: &Camera| c.view_from_world.as_flattened().to_vec();
-            pose(a).iter().zip(pose(b)).all(|(x, y)| (x - y).abs() < 1e-14)
-                && (&a.name, a.width, a.height) == (&b.name, b.width, b.height)
-        };
-        let back = read_cameras(&path)?;
-        assert!(back.len() == 3 && back.iter().zip(&cameras).all(|(a, b)| near(a, b)));
+        // To the last bit, by serde_json's feature `float_roundtrip` of the workspace: `instgs_blocks::split` compares plans so.
+        assert_eq!(read_cameras(&path)?, cameras);
         let one = serde_json::to_vec(&cameras[1])?;
-        assert!(near(&parse_cameras(&one, &path)?[0], &cameras[1]));
+        assert_eq!(parse_cameras(&one, &path)?, cameras[1..2]);
 
         let mut bad = cameras.clone();
         bad[2].fx = -1.0;

@@ -219,7 +219,7 @@ fn parse_images_bin(bytes: &[u8], path: &Path, cameras: &Cameras) -> Result<Vec<
     Ok(out)
 }
 
-/// Lines with their numbers; comment lines become empty.
+/// Lines with their numbers, from 1, without those of comments.
 pub(crate) fn lines<'a>(bytes: &'a [u8], path: &Path) -> Result<Vec<(u64, &'a str)>, IoError> {
     let text = text_of(bytes, path)?;
     Ok((1..).zip(text.lines()).filter(|(_, line)| !line.trim_start().starts_with('#')).collect())

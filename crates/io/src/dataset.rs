@@ -1,6 +1,6 @@
 //! The views of a dataset folder, read from whichever camera files it has.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::colmap::{self, Distortion, PosedImage};
@@ -267,7 +267,8 @@ fn is_instance_mask(folder: &Path, mask: &Path) -> bool {
 
 /// Makes view names unique. Views whose file names without extension are equal are named after their path instead:
 /// `left/0001.jpg` is `left_0001`; if that is taken too (`a.png` beside `a.jpg`), the extension is appended. Folders
-/// that all photos share are omitted, such as `images` before `left`, so that masks are found in `masks/left`.
+/// that all photos share are omitted, such as `images` before `left`, so that masks are found in `masks/left`. Those that are
+/// still equal (`a/b.png` beside `a_b.png`) get a number that makes a name which no other view has, but for the first of them.
 fn unique_names(views: &mut [(View, PathBuf)]) {
     let shared = shared_folders(views.iter().map(|(_, relative)| relative.as_path()));
     for round in 0..2 {
@@ -278,6 +279,23 @@ fn unique_names(views: &mut [(View, PathBuf)]) {
             let path = if round == 0 { relative.with_extension("") } else { relative };
             view.camera.name = path.to_string_lossy().replace(['/', '\\'], "_");
         }
+    }
+    let taken: BTreeSet<String> = views.iter().map(|(view, _)| view.camera.name.clone()).collect();
+    let mut numbers: BTreeMap<String, usize> = BTreeMap::new();
+    for (view, _) in views {
+        let name = view.camera.name.clone();
+        let number = numbers.entry(name.clone()).or_default();
+        *number += 1;
+        if *number == 1 {
+            continue;
+        }
+        // Numbered names differ from each other: in what is before the last number, or in the number.
+        let mut free = format!("{name}_{number}");
+        while taken.contains(&free) {
+            *number += 1;
+            free = format!("{name}_{number}");
+        }
+        view.camera.name = free;
     }
 }
 
@@ -338,6 +356,25 @@ mod tests {
         let rig = read_views(root)?;
         let names: Vec<_> = rig.views.iter().map(|v| v.camera.name.as_str()).collect();
         assert_eq!(names, ["left_1", "2", "right_1"], "without the folder that all are in");
+        Ok(())
+    }
+
+    /// A folder and a part of a file name make the same name, with the extension, too; and so does the first number.
+    #[test]
+    fn names_that_paths_do_not_tell_apart_get_a_number() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let names = |files: &[&str]| -> Result<Vec<String>, Box<dyn std::error::Error>> {
+            std::fs::write(folder.path().join("transforms.json"), transforms(files))?;
+            Ok(read_views(folder.path())?.views.into_iter().map(|v| v.camera.name).collect())
+        };
+        let three = ["a/b.png", "c/b.png", "a_b.png"];
+        assert_eq!(names(&three)?, ["a_b.png", "a_b.png_2", "c_b"]);
+        let four = ["a_b.png_2.png", "a_b.png", "c/b.png", "a/b.png"];
+        assert_eq!(names(&four)?, ["a_b.png", "a_b.png_3", "a_b.png_2", "c_b"]);
+        let more = ["a/b/c.png", "a/b_c.png", "a_b/c.png", "d/c.png"];
+        assert_eq!(names(&more)?, ["a_b_c.png", "b_c", "a_b_c.png_2", "d_c"]);
+        // What the paths tell apart has no number.
+        assert_eq!(names(&["a/b.png", "c/b.png", "d.png", "d.jpg"])?, ["a_b", "c_b", "d.jpg", "d.png"]);
         Ok(())
     }
 

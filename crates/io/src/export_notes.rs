@@ -10,8 +10,8 @@ impl ExportedScene {
     pub fn notes(&self, to: &Path, scene: &InstancedScene, format: ExportFormat) -> Vec<String> {
         let (to, filter) = (to.display(), scene.pixel_filter);
         let mut notes: Vec<String> = spz_note(&self.spz_loss, self.gaussians).into_iter().collect();
-        if matches!(format, ExportFormat::Glb | ExportFormat::GlbOneMesh) && filter.antialias {
-            notes.push(".glb has no place for the scene's antialias flag; render it with --antialias".into());
+        if filter.antialias {
+            notes.extend(antialias_note(format).map(String::from));
         }
         if !matches!(format, ExportFormat::Instgs(_) | ExportFormat::Page(_)) && !filter.has_usual_dilation() {
             let (dilation, usual) = (filter.dilation_px2, PixelFilter::default().dilation_px2);
@@ -41,6 +41,20 @@ impl ExportedScene {
             ));
         }
         notes.into_iter().map(|note| format!("{to}: {note}")).collect()
+    }
+}
+
+/// What becomes of a scene with opacity compensation in a format that cannot say that it has it; `None` if the format can.
+fn antialias_note(format: ExportFormat) -> Option<&'static str> {
+    match format {
+        ExportFormat::Glb | ExportFormat::GlbOneMesh => {
+            Some(".glb has no place for the scene's antialias flag; render it with --antialias")
+        }
+        ExportFormat::Usda | ExportFormat::Usdc => Some(
+            "USD has no place for the scene's antialias flag, so viewers draw what is finer than their pixels too thick; .ply, \
+             .spz, .sog and .instgs keep it",
+        ),
+        _ => None,
     }
 }
 
@@ -118,6 +132,13 @@ mod tests {
         assert!(notes(ExportFormat::SogFolder).iter().all(|note| !note.contains("instances differ")));
         let glb = notes(ExportFormat::Glb);
         assert!(glb.len() == 2 && glb[0].contains("antialias") && glb[1].contains("--dilation 0.1"), "{glb:?}");
+        for format in [ExportFormat::Usda, ExportFormat::Usdc] {
+            let usd = notes(format);
+            assert!(usd.len() == 2 && usd[0].contains("USD has no place for the scene's antialias flag"), "{usd:?}");
+        }
+        for format in [ExportFormat::Ply, ExportFormat::Spz, ExportFormat::Sog] {
+            assert!(notes(format).iter().all(|note| !note.contains("antialias")), "{format:?}");
+        }
         assert!(notes(ExportFormat::Ply).len() == 1 && notes(ExportFormat::Ply)[0].starts_with("x: "));
     }
 }

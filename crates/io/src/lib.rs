@@ -31,6 +31,7 @@ pub mod masks;
 mod message_tests;
 pub mod nerf;
 pub mod nerf_write;
+mod packing;
 pub mod page;
 pub mod paged_file;
 mod pages;
@@ -66,7 +67,7 @@ use std::path::Path;
 
 use instgs_vk::scene::gaussians::MAX_SH_DEGREE;
 
-pub use atomic::{TEMPORARY_PREFIX, atomic_write, copy_file};
+pub use atomic::{TEMPORARY_PREFIX, atomic_write, copy_file, locked_temporary};
 pub use boxes::{read_boxes, with_view_names, write_boxes};
 pub use camera_file::{read_cameras, write_cameras};
 pub use checkpoint::Checkpoint;
@@ -78,6 +79,7 @@ pub use glb::{read_glb, write_glb};
 pub use groups::{read_groups, write_groups};
 pub use masks::{Mask, MaskFolder, read_mask, write_categories, write_mask};
 pub use nerf_write::{Frame, write_frames, write_transforms};
+pub use packing::packing_lost;
 pub use page::{PageOptions, page_text, write_page};
 pub use paged_file::PagedFile;
 pub use ply::{read_ply, write_ply};

@@ -149,7 +149,9 @@ impl RunFolder {
     /// The name of a file that shows that a scene was segmented or trained here, if there is one.
     pub fn trace_of_segments(&self) -> Option<String> {
         let run = self.plain_cloud_run();
-        first_there([self.labels(), self.events(), run.path, self.checkpoints(), self.report()])
+        // The folder of a run of INRIA's program has a cameras.json, too.
+        let of_others = self.path.join("cfg_args");
+        first_there([self.labels(), self.events(), run.path, self.checkpoints(), self.report(), of_others])
     }
 }
 
@@ -182,6 +184,10 @@ mod tests {
         assert_eq!(run.trace_of_segments(), Some("vanilla".into()));
         std::fs::write(run.labels(), "")?;
         assert_eq!(run.trace_of_segments(), Some("labels.safetensors".into()));
+        let of_others = RunFolder::new(folder.path().join("others"));
+        of_others.create()?;
+        std::fs::write(of_others.path().join("cfg_args"), "")?;
+        assert_eq!(of_others.trace_of_segments(), Some("cfg_args".into()));
         Ok(())
     }
 }

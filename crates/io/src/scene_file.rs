@@ -20,12 +20,12 @@ use crate::small::{
     offset_shapes_from, shapes_from,
 };
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, SourceRange};
 use instgs_vk::scene::lod::FittedLevel;
 use instgs_vk::scene::lod::pages::{PageTable, PagedLevel};
 use instgs_vk::scene::offsets::Offsets;
+use instgs_vk::scene::{NearPlane, PixelFilter};
 
 pub(crate) const FORMAT: &str = "instgs/1";
 /// Format of files with coded tables, which older versions wrote.
@@ -91,6 +91,15 @@ pub(crate) fn scene_of(
                 Some(text) => dilation_of(&text)
                     .ok_or_else(|| field("dilation_px2", format!("is \"{text}\", not a number from 1e-6 to 1e6")))?,
             },
+        },
+        near_plane: match metadata.remove("near") {
+            None => NearPlane::default(),
+            Some(text) => text
+                .parse()
+                .ok()
+                .map(NearPlane)
+                .filter(|near| near.is_valid())
+                .ok_or_else(|| field("near", format!("is \"{text}\", not a number from 0 on")))?,
         },
         groups: match metadata.remove("groups") {
             None => Vec::new(),
@@ -236,9 +245,9 @@ impl<'a> Reader<'a> {
                 let what = format!("has {has_rows} rows of {width} numbers, not {rows} of {want}");
                 return Err(self.error(&coded, what));
             }
-            // Positions say how many rows the other tensors of a group have, and must not claim more memory than the
-            // file's size makes plausible.
-            if name.ends_with(".means") && !is_plausible(has_rows, data.len()) {
+            // Positions say how many rows the other tensors of a group have, and poses how many instances there are: neither must
+            // claim more memory than the file's size makes plausible.
+            if (rows.is_none() || name.ends_with(".means")) && !is_plausible(has_rows, data.len()) {
                 return Err(fail(TableError::Implausible { rows: has_rows, bytes: data.len() }));
             }
             let is_quats = name.ends_with(".quats") && !name.starts_with("offset.");

@@ -1,6 +1,6 @@
 use super::*;
-use crate::scene_pack::floats;
-use crate::scene_write::{assemble, scene_file_bytes, u32s};
+use crate::scene_pack::{Pack, floats};
+use crate::scene_write::{assemble, packed_scene_file_bytes, scene_file_bytes, u32s};
 use instgs_samples::{sample, sample_scene, with_ablations, with_levels, with_low_sh_offsets, with_own};
 
 #[test]
@@ -143,7 +143,52 @@ fn errors_name_the_tensor_and_the_reason() {
             "{bad}"
         );
     }
+    for bad in ["here", "-1", "NaN", "inf"] {
+        assert!(text(changed(|_, m| drop(m.insert("near".into(), bad.into())))).contains("metadata near"), "{bad}");
+    }
     assert!(text(changed(|_, m| drop(m.insert("groups".into(), "[{}]".into())))).contains("groups"));
+}
+
+/// Only a near plane that is not the usual one takes bytes, so that files of before stay as they were.
+#[test]
+fn the_near_plane_comes_back() -> Result<(), IoError> {
+    let path = Path::new("x.instgs");
+    let usual = sample_scene();
+    let close = InstancedScene { near_plane: NearPlane(0.015), ..usual.clone() };
+    for pack in [Pack::F32, Pack::F16, Pack::Small] {
+        let bytes = packed_scene_file_bytes(&close, pack, path)?;
+        assert_eq!(parse_scene_file(&bytes, path)?.near_plane, NearPlane(0.015), "{pack:?}");
+    }
+    let bytes = packed_scene_file_bytes(&usual, Pack::F32, path)?;
+    assert!(!bytes.windows(6).any(|text| text == b"\"near\""));
+    assert_eq!(parse_scene_file(&bytes, path)?.near_plane, NearPlane::default());
+    Ok(())
+}
+
+/// Poses say how many instances there are. Both forms have all that a reader looks at before it allocates.
+#[test]
+fn coded_poses_that_claim_more_rows_than_their_bytes_make_plausible_are_refused() {
+    const ROWS: u64 = 500_000_000;
+    let numbers: u16 = 12;
+    // One part, no flags; its columns, step, largest step and kind; the centres.
+    let mut coded = [&ROWS.to_le_bytes()[..], &numbers.to_le_bytes(), &[1, 0], &numbers.to_le_bytes()].concat();
+    coded.extend([1.0f32; 2].map(f32::to_le_bytes).as_flattened());
+    coded.push(0);
+    coded.extend([0u8; 4 * 12]);
+    // Rows, numbers in each, rows in a block; then as many bytes as so many rows need in the table of format 2.
+    let table =
+        [&ROWS.to_le_bytes()[..], &u32::from(numbers).to_le_bytes(), &256u32.to_le_bytes(), &[0; 8000]].concat();
+    for (suffix, bytes) in [(CODED, coded), (SUFFIX, table)] {
+        let what = format!("claims {ROWS} rows in {} bytes, more than a scene can have", bytes.len());
+        let name = format!("instance.world_from_template{suffix}");
+        let place = format!("tensor {name}: ");
+        let refused = changed(|tensors, _| {
+            tensors.remove("instance.world_from_template");
+            tensors.insert(name, ForeignTensor { dtype: "U8".into(), shape: vec![bytes.len()], bytes });
+        });
+        let text = refused.err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text.contains(&place) && text.contains(&what), "{text}");
+    }
 }
 
 #[test]

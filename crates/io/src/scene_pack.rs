@@ -1,5 +1,4 @@
-//! Number formats of packed `.instgs` files: f16, and offsets in 8 bits (q8). The format `small` is in
-//! `scene_small.rs`.
+//! Number formats of packed `.instgs` files: f16, and offsets in 8 bits (q8). The format `small` is in [`crate::small`].
 //!
 //! q8: the offset records are cut into *segments* wherever the run of an instance begins or ends (`segments`); in a
 //! usual scene a segment is an instance, and shared, overlapping and unused records need no special case. Row r of
@@ -29,8 +28,8 @@ pub enum Pack {
     F16,
     /// Like `F16`, but offsets in 8 bits with a range per instance: 7 bytes per record.
     Q8,
-    /// Templates and background quantised and compressed, offsets like `Q8`: about 24 bytes per Gaussian. The
-    /// background is reordered. Older readers reject the file.
+    /// All clouds and the offsets in steps, entropy coded ([`crate::small`]): about 25 bytes per Gaussian of SH degree 3. The
+    /// background and own Gaussians are reordered where nothing depends on their order. Older readers reject the file.
     Small,
 }
 

@@ -12,6 +12,7 @@ use crate::safetensors_header::{Entry, header};
 use crate::scene_file::{FORMAT, FORMAT_CODED, NO_OFFSET};
 use crate::scene_pack::{OffsetRanges, Pack, Underflow, fits_half, floats, halves, segments};
 use crate::small::{SmallOptions, SmallPlan, coded_tensors};
+use instgs_vk::scene::NearPlane;
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
 use instgs_vk::scene::lod::pages::{PageTable, PagedBackground};
@@ -136,6 +137,9 @@ fn file_bytes(scene: &InstancedScene, pack: Pack, extra: Extra<'_>, path: &Path)
     metadata.insert("antialias".into(), scene.pixel_filter.antialias.to_string());
     if !scene.pixel_filter.has_usual_dilation() {
         metadata.insert("dilation_px2".into(), scene.pixel_filter.dilation_px2.to_string());
+    }
+    if scene.near_plane != NearPlane::default() {
+        metadata.insert("near".into(), scene.near_plane.0.to_string());
     }
     metadata.insert("sh_degree".into(), scene.sh_degree().to_string());
     metadata.insert("source".into(), scene.source.clone());

@@ -445,6 +445,22 @@ fn small_keeps_what_has_no_place_in_a_table() -> Result<(), IoError> {
     Ok(())
 }
 
+/// The steps of positions follow what is seen of a Gaussian, not how thin a sheet is: a log scale of -87.3 is that of 2D Gaussians.
+#[test]
+fn positions_of_flat_gaussians_are_no_finer_than_those_of_thin_ones() -> Result<(), IoError> {
+    let positions = |thinnest: f32| -> Result<Vec<u8>, IoError> {
+        let mut cloud = sample(0, 50);
+        cloud.log_scales.fill([-3.0, thinnest, -3.5]);
+        let bytes = packed_scene_file_bytes(&InstancedScene::from_cloud(cloud), Pack::Small, path())?;
+        let tensors = safetensors::SafeTensors::deserialize(&bytes).expect("a file");
+        Ok(tensors.tensor("background.means.coded").expect("is there").data().to_vec())
+    };
+    let thin = positions(-8.0)?;
+    assert!(positions(crate::LEAST_LOG_SCALE)? == thin && positions(f32::NEG_INFINITY)? == thin);
+    assert!(positions(-5.0)? != thin, "a hundredth of the longest axis is not reached");
+    Ok(())
+}
+
 #[test]
 fn small_is_a_quarter_of_halves_or_less() -> Result<(), IoError> {
     // Colours and sizes with the noise of trained clouds (standard deviations of SH 0.03, of log sizes 1).

@@ -18,6 +18,7 @@ use std::path::Path;
 
 use crate::bytes::Cursor;
 use crate::error::{IoError, Place};
+use crate::host_memory::{available_bytes, check_reading};
 use crate::spz_axes::Extensions;
 use crate::spz_codec::{self, Layout};
 use crate::{cut_note, read_bytes};
@@ -56,13 +57,18 @@ pub struct SpzCloud {
 /// Reads an `.spz` file of version 1 to 4.
 ///
 /// # Errors
-/// The file cannot be read, is damaged, or has another version.
+/// The file cannot be read, is damaged, has another version, or takes more memory than is available.
 pub fn read_spz(path: &Path) -> Result<SpzCloud, IoError> {
     parse_spz(&read_bytes(path)?, path)
 }
 
 /// Parses the bytes of an `.spz` file; `path` is only used in messages.
 pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
+    parse_within(bytes, available_bytes(), path)
+}
+
+/// The same with so many bytes of memory; `None` if it is unknown how many there are.
+fn parse_within(bytes: &[u8], memory: Option<u64>, path: &Path) -> Result<SpzCloud, IoError> {
     if bytes.starts_with(&[0x1f, 0x8b]) {
         let broken =
             |e: std::io::Error| IoError::damaged(path, format!("the gzip stream is damaged or truncated: {e}"));
@@ -74,6 +80,7 @@ pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
         if need > (bytes.len() as u64).saturating_mul(MAX_GZIP_RATIO) {
             return Err(header.too_many(bytes.len(), path));
         }
+        header.check_memory(need, memory, path)?;
         stream.by_ref().take(need.saturating_add(MAX_EXTENSION_BYTES)).read_to_end(&mut plain).map_err(broken)?;
         // Reading on to the end makes the decoder verify the stream's checksum.
         std::io::copy(&mut stream.take(MAX_TRAILER_BYTES), &mut std::io::sink()).map_err(broken)?;
@@ -86,10 +93,14 @@ pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
     let mut cursor = Cursor::new(bytes, path);
     let header = Header::parse(&mut cursor, path)?;
     if header.version >= 4 {
-        streams(&header, bytes, path)
-    } else {
-        arrays_in_one_piece(&header, &bytes[HEADER_BYTES..], path)
+        return streams(&header, bytes, memory, path);
     }
+    let body = &bytes[HEADER_BYTES..];
+    // What ends early is refused for that, below.
+    if header.layout().total_bytes() <= body.len() as u64 {
+        header.check_memory(0, memory, path)?;
+    }
+    arrays_in_one_piece(&header, body, path)
 }
 
 struct Header {
@@ -137,6 +148,11 @@ impl Header {
         IoError::new(path, what).at(Place::Field("numPoints".into()))
     }
 
+    /// Checks memory for arrays of so many bytes, which are unpacked first, and for the Gaussians.
+    fn check_memory(&self, unpacked_bytes: u64, memory: Option<u64>, path: &Path) -> Result<(), IoError> {
+        check_reading(path, "takes", unpacked_bytes.saturating_add(self.layout().gaussians_bytes()), memory)
+    }
+
     /// Decodes the arrays; `extensions` are the bytes where extensions are, if the header says that there are any.
     fn decode(&self, arrays: &[&[u8]; 6], extensions: &[u8]) -> SpzCloud {
         let Extensions { axes, notes: extension_notes } =
@@ -169,10 +185,11 @@ fn arrays_in_one_piece(header: &Header, body: &[u8], path: &Path) -> Result<SpzC
 }
 
 /// Reads version 4: a table of contents and zstd frames.
-fn streams(header: &Header, bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
+fn streams(header: &Header, bytes: &[u8], memory: Option<u64>, path: &Path) -> Result<SpzCloud, IoError> {
     if u64::from(header.splats) > (bytes.len() as u64).saturating_mul(MAX_SPLATS_PER_BYTE) {
         return Err(header.too_many(bytes.len(), path));
     }
+    header.check_memory(header.layout().total_bytes(), memory, path)?;
     let mut cursor = Cursor::new(bytes, path);
     cursor.take(HEADER_BYTES, "the SPZ header")?;
     let toc = cursor.u32("the SPZ header")? as usize;
@@ -284,6 +301,29 @@ mod tests {
         }
         let unknown = [version_3(&cloud, FLAG_EXTENSIONS), vec![9; 20]].concat();
         assert_eq!(parse(&unknown)?.notes.len(), 1);
+        Ok(())
+    }
+
+    /// Whatever the container: a few bytes may stand for many.
+    #[test]
+    fn memory_is_checked_before_anything_is_unpacked() -> Result<(), IoError> {
+        let cloud = sample(1, 3000);
+        let bare = version_3(&cloud, 0);
+        let of_gaussians = 3000 * 4 * (11 + 3 * 4);
+        let of_arrays = bare.len() as u64 - HEADER_BYTES as u64;
+        let packed = gzipped(&bare)?;
+        let streams = spz_bytes(&cloud, false, Path::new("x.spz"))?;
+        for (bytes, need) in
+            [(&bare, of_gaussians), (&packed, of_arrays + of_gaussians), (&streams, of_arrays + of_gaussians)]
+        {
+            assert_eq!(parse_within(bytes, Some(need), Path::new("x"))?, parse_within(bytes, None, Path::new("x"))?);
+            let text = parse_within(bytes, Some(need - 1), Path::new("x")).err().map(|e| e.to_string());
+            assert!(text.is_some_and(|text| text.contains("MiB are available; close other programs")), "{need}");
+            // What ends early is refused for its size before it is unpacked; without compression its length is known.
+            let cut = &bytes[..bytes.len() - 1];
+            let damaged = parse_within(cut, Some(9), Path::new("x")).err().map(|e| e.to_string()).unwrap_or_default();
+            assert_eq!(damaged.contains("are available"), *bytes != bare, "{damaged}");
+        }
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! SPZ's quantisation: sizes of the attribute arrays, and conversion of their values to and from [`Gaussians`].
 
+use crate::host_memory::gaussian_bytes;
 use crate::logit_of_byte;
 use crate::spz_axes::Axes;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
@@ -38,12 +39,22 @@ impl Layout {
     pub(crate) fn total_bytes(&self) -> u64 {
         self.array_bytes().iter().sum()
     }
+
+    /// SH degree of the Gaussians that are decoded.
+    fn kept_degree(&self) -> u32 {
+        self.sh_degree.min(MAX_SH_DEGREE)
+    }
+
+    /// Bytes of the Gaussians that are decoded; at most 236 per splat, so that nothing overflows.
+    pub(crate) fn gaussians_bytes(&self) -> u64 {
+        self.splats * gaussian_bytes(self.kept_degree())
+    }
 }
 
 /// Decodes arrays that have the lengths of `layout`, of a file with the given axes.
 pub(crate) fn decode(layout: &Layout, fractional_bits: u32, axes: Axes, arrays: &[&[u8]; 6]) -> Gaussians {
     let splats = layout.splats as usize;
-    let degree = layout.sh_degree.min(MAX_SH_DEGREE);
+    let degree = layout.kept_degree();
     let mut out = Gaussians::with_capacity(degree, splats);
     let stored = sh_coefficients(layout.sh_degree) - 1;
     let kept = sh_coefficients(degree) - 1;

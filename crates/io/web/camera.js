@@ -18,13 +18,14 @@ const FIELD_OF_VIEW = (50 * Math.PI) / 180;
 const ELEVATION = (20 * Math.PI) / 180;
 /** Least angle between the view and the vertical. */
 const LEAST_TILT = 0.02;
-/** Depth of the near plane, scene units, as that of instgs-vk. */
-export const NEAR = 0.2;
-
 export class Camera {
-  /** @param {Start} start */
-  constructor(start) {
+  /**
+   * @param {Start} start
+   * @param {number} near depth of the near plane, scene units
+   */
+  constructor(start, near) {
     this.start = start;
+    this.near = near;
     this.up = unit(start.up);
     /** @type {Vec3} */
     this.position = [0, 0, 0];
@@ -46,7 +47,7 @@ export class Camera {
       this.position = [eye[0], eye[1], eye[2]];
       this.forward = unit([z[0], z[1], z[2]]);
       const ahead = dot(minus(center, this.position), this.forward);
-      this.distance = ahead > NEAR ? ahead : distance;
+      this.distance = ahead > this.near ? ahead : distance;
       this.halfTangent = 0.5 * Math.sqrt((camera.width * camera.height) / (camera.fx * camera.fy));
       return;
     }
@@ -121,7 +122,7 @@ export class Camera {
   lookAt(point) {
     const to = minus(point, this.position);
     const distance = lengthOf(to);
-    if (!(distance > NEAR)) return;
+    if (!(distance > this.near)) return;
     this.distance = distance;
     this.forward = times(to, 1 / distance);
     this.turn(0, 0);
@@ -145,9 +146,10 @@ export class Camera {
 /**
  * What the renderer and the worker take of a camera.
  * @param {CameraFile} camera
+ * @param {number} near depth of the near plane, scene units
  * @returns {import("./pick.js").View & {position: Vec3}}
  */
-export function viewOf(camera) {
+export function viewOf(camera, near) {
   const rows = camera.view_from_world.slice(0, 3);
   const [x, y, z] = [0, 1, 2].map((k) => -rows.reduce((sum, row) => sum + row[k] * row[3], 0));
   return {
@@ -156,6 +158,6 @@ export function viewOf(camera) {
     focal: [camera.fx, camera.fy],
     principal: [camera.cx, camera.cy],
     size: [camera.width, camera.height],
-    near: NEAR,
+    near,
   };
 }

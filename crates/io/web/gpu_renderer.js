@@ -1,7 +1,7 @@
 // Draws the scene with WebGPU, where there is: compute passes project the splats and sort them anew for every frame, so that the
 // order never lags behind; they are then blended as in renderer.js, the way where there is only WebGL2.
 
-import { NEAR, viewOf } from "./camera.js";
+import { viewOf } from "./camera.js";
 import { constantsOf, flatList, writeLook } from "./layout.js";
 
 /** Keys of a work-group of the sort, as sort.wgsl has it. */
@@ -243,9 +243,9 @@ export class GpuRenderer {
   writeView(camera) {
     const { scene, buffers } = this;
     const { queue } = this.device;
-    const { view, position } = viewOf(camera);
+    const { view, position, near } = viewOf(camera, scene.near);
     const data = new Float32Array(28);
-    data.set([...view, ...position, NEAR, camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height]);
+    data.set([...view, ...position, near, camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height]);
     data.set([scene.dilation, scene.antialias ? 1 : 0, this.dim], 22);
     new Uint32Array(data.buffer)[25] = scene.count;
     queue.writeBuffer(buffers.view, 0, data);

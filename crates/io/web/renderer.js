@@ -1,7 +1,7 @@
 // Draws the scene with WebGL2: projects each splat once, draws them as quads from the farthest to the nearest into a picture of
 // half floats, and that over the background.
 
-import { NEAR, viewOf } from "./camera.js";
+import { viewOf } from "./camera.js";
 import { TEXTURE_WIDTH, constantsOf, writeLook } from "./layout.js";
 
 const GEOMETRY_UNIT = 0;
@@ -106,6 +106,7 @@ export class Renderer {
     gl.uniform1i(projection.at("u_sh"), SH_UNIT);
     gl.uniform1i(projection.at("u_offsets"), OFFSETS_UNIT);
     gl.uniform1i(projection.at("u_rows"), ROWS_UNIT);
+    gl.uniform1f(projection.at("u_near"), scene.near);
     gl.uniform1f(projection.at("u_dilation_px2"), scene.dilation);
     gl.uniform1f(projection.at("u_antialias"), scene.antialias ? 1 : 0);
     gl.useProgram(this.quads.program);
@@ -165,14 +166,13 @@ export class Renderer {
   /** @param {CameraFile} camera */
   project(camera) {
     const { gl, projection } = this;
-    const { view, position } = viewOf(camera);
+    const { view, position } = viewOf(camera, this.scene.near);
     gl.useProgram(projection.program);
     gl.uniform4fv(projection.at("u_view"), view);
     gl.uniform3fv(projection.at("u_position"), position);
     gl.uniform2f(projection.at("u_focal_px"), camera.fx, camera.fy);
     gl.uniform2f(projection.at("u_principal_px"), camera.cx, camera.cy);
     gl.uniform2f(projection.at("u_size_px"), camera.width, camera.height);
-    gl.uniform1f(projection.at("u_near"), NEAR);
     gl.uniform1f(projection.at("u_dim"), this.dim);
     gl.uniform1i(projection.at("u_count"), this.count);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.projected);

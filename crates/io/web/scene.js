@@ -24,7 +24,7 @@ const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
  *
  * @typedef {{template: number, name: string, id: number}} InstanceName
  * @typedef {{pool: Cloud, rows: Row[], offsets: Offsets, names: InstanceName[], templateCounts: number[],
- *   backgroundCount: number, dilation: number, antialias: boolean}} Scene
+ *   backgroundCount: number, near: number, dilation: number, antialias: boolean}} Scene
  */
 
 /** The tensors of a file by name, whatever their form. */
@@ -138,6 +138,7 @@ export function parseScene(bytes) {
     names: namesOf(templateOf, JSON.parse(metadata.groups ?? "[]")),
     templateCounts: Array.from({ length: ranges.length / 2 }, (_, t) => ranges[2 * t + 1]),
     backgroundCount: background.count,
+    near: metadata.near === undefined ? 0.2 : Number(metadata.near),
     dilation: metadata.dilation_px2 === undefined ? 0.3 : Number(metadata.dilation_px2),
     antialias: metadata.antialias === "true",
   };
@@ -229,19 +230,27 @@ function readBytes(reader, rows, channels) {
 }
 
 /**
- * What to call each instance: the name of its group, and its mask id or else its number among those of its template.
+ * What to call each instance: the name of its group, and its mask id or else its number among those of its template. The j-th
+ * instance of a template has the j-th id of the template's groups, one group after another; those beyond belong to the last.
  * @param {Uint32Array} templateOf
  * @param {{template_id: number, name?: string, instance_ids: number[]}[]} groups
  * @returns {InstanceName[]}
  */
 function namesOf(templateOf, groups) {
-  const groupOf = new Map(groups.map((group) => [group.template_id, group]));
+  /** @type {Map<number, {ids: {name?: string, id: number}[], last?: string}>} */
+  const labelsOf = new Map();
+  for (const { template_id: template, name, instance_ids: ids } of groups) {
+    const labels = labelsOf.get(template) ?? { ids: [] };
+    for (const id of ids) labels.ids.push({ name, id });
+    labelsOf.set(template, { ids: labels.ids, last: name });
+  }
   /** @type {Map<number, number>} */
   const seen = new Map();
   return Array.from(templateOf, (template) => {
-    const group = groupOf.get(template);
+    const labels = labelsOf.get(template);
     const place = seen.get(template) ?? 0;
     seen.set(template, place + 1);
-    return { template, name: group?.name ?? `template ${template}`, id: group?.instance_ids[place] ?? place };
+    const { name, id } = labels?.ids[place] ?? { name: labels?.last, id: place };
+    return { template, name: name ?? `template ${template}`, id };
   });
 }

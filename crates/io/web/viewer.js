@@ -24,7 +24,7 @@ export class Viewer {
     this.worker = worker;
     this.scene = scene;
     this.renderer = renderer;
-    this.camera = new Camera(start);
+    this.camera = new Camera(start, scene.near);
     /** @type {import("./camera.js").CameraFile | null} a camera that is shown as it is, at its own size */
     this.fixed = null;
     /** @type {Map<number, Look>} */
@@ -70,7 +70,7 @@ export class Viewer {
 
   /** @param {import("./camera.js").CameraFile} camera */
   async sortIfNeeded(camera) {
-    const view = viewOf(camera);
+    const view = viewOf(camera, this.scene.near);
     const key = `${view.view.slice(8)} ${this.shownRows}`;
     if (this.isSorting) return;
     if (this.renderer.sortsItself || key === this.sortedKey) {
@@ -127,7 +127,7 @@ export class Viewer {
   async pick(x, y) {
     const camera = this.cameraFile();
     const ratio = camera.width / this.canvas.clientWidth;
-    const { picked } = await this.ask({ pick: viewOf(camera), shown: this.shownRows, x: x * ratio, y: y * ratio });
+    const { picked } = await this.ask({ pick: viewOf(camera, this.scene.near), shown: this.shownRows, x: x * ratio, y: y * ratio });
     return picked && { object: this.scene.rows[picked.row].owner, point: picked.point };
   }
 

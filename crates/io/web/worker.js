@@ -37,9 +37,9 @@ async function load(text) {
   const scene = parseScene(file);
   order = new DepthOrder(scene);
   const texels = sceneTexels(scene);
-  const { rows, names, templateCounts, backgroundCount, dilation, antialias } = scene;
+  const { rows, names, templateCounts, backgroundCount, near, dilation, antialias } = scene;
   const { count } = order.flat;
-  const answer = { texels, rows, names, templateCounts, backgroundCount, dilation, antialias, count, file };
+  const answer = { texels, rows, names, templateCounts, backgroundCount, near, dilation, antialias, count, file };
   const buffers = [texels.geometry, texels.sh, texels.offsets, texels.rows].map((t) => t.data.buffer);
   postMessage({ scene: answer }, { transfer: [...buffers, file.buffer] });
 }

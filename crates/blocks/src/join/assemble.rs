@@ -101,6 +101,7 @@ impl Builder {
                 own: cloud(),
                 background,
                 pixel_filter: scenes[0].pixel_filter,
+                near_plane: scenes[0].near_plane,
                 ..InstancedScene::default()
             },
             kinds: OffsetKinds {

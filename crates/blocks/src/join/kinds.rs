@@ -155,7 +155,7 @@ fn register_all(input: &JoinInput<'_>, used: &[UsedTemplate], placed: &[Gaussian
     let scales =
         |scene: &InstancedScene| scene.instances.iter().any(|i| (i.world_from_template.scale() - 1.0).abs() > 0.01);
     let options = RegisterOptions { allow_scale: input.scenes.iter().any(scales), ..RegisterOptions::default() };
-    let render = RenderOptions::default().filtered(input.scenes[0].pixel_filter);
+    let render = RenderOptions::of(&input.scenes[0]);
     let mut check = match input.gpu.filter(|_| !input.cameras.is_empty()) {
         Some(gpu) => Some(RenderCheck::new(gpu, &cloud, &labels, input.cameras, render, None)?),
         None => None,

@@ -166,4 +166,31 @@ mod tests {
         assert!(error.starts_with("block_01: has SH degrees [2]"), "{error}");
         Ok(())
     }
+
+    #[test]
+    #[cfg(unix)]
+    fn runs_of_one_split_may_be_named_in_several_ways() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let blocks = folder.path().join("blocks");
+        for block in ["block_00", "block_01"] {
+            std::fs::create_dir_all(blocks.join(block))?;
+            write_scene_file(&blocks.join(block).join("x.instgs"), &one(0))?;
+        }
+        plan(&blocks)?;
+        std::os::unix::fs::symlink(&blocks, folder.path().join("link"))?;
+        // A run of which only a link is in the block's folder, too.
+        let elsewhere = RunFolder::new(folder.path().join("disk"));
+        elsewhere.create()?;
+        write_scene_file(&elsewhere.scene(), &one(0))?;
+        std::os::unix::fs::symlink(elsewhere.path(), blocks.join("block_01/run"))?;
+        let path = |name: &str| folder.path().join(name);
+        for second in ["blocks/block_01/x.instgs", "link/block_01/x.instgs", "blocks/block_00/../block_01/x.instgs"]
+            .into_iter()
+            .chain(["link/../blocks/block_01/run", "link/block_01/run"])
+        {
+            let read = read_runs(&[path("blocks/block_00/x.instgs"), path(second)])?;
+            assert_eq!((read.scenes.len(), read.files[1].starts_with(path(second))), (2, true), "{second}");
+        }
+        Ok(())
+    }
 }

@@ -1,7 +1,8 @@
 //! Reading `.glb`: the meshes of binary glTF 2.0 that have `KHR_gaussian_splatting`, as a scene.
 //!
 //! Meshes that are placed several times become templates (`read_scene.rs`). Colours are taken as they are: those of
-//! `lin_rec709_display` are noted. Vertex colours, other meshes and data outside of the file are not read.
+//! `lin_rec709_display` are noted. Vertex colours, other meshes and data outside of the file are not read. A file that requires
+//! an extension which is not read is refused; what it may be shown without is left out.
 //!
 //! glTF has y up and z to the viewer, scenes here are right-down-front: they are turned by 180 degrees about x (files of
 //! splat-transform about z, as it turns clouds of .ply). In files of
@@ -22,6 +23,14 @@ use crate::error::{IoError, Place};
 use crate::read_bytes;
 use instgs_vk::scene::InstancedScene;
 
+/// Extensions that a file may require: those of Gaussians, and of attributes in few bits, whose components are all read.
+const READ_EXTENSIONS: [&str; 2] = [SPLATS, "KHR_mesh_quantization"];
+/// Part of the names of extensions for compression, and what to do about them.
+const COMPRESSION: &str = "compression";
+const WITHOUT_COMPRESSION: &str = "write them without compression, or as .spz";
+/// Extension of a node whose mesh is placed many times.
+const MANY_PLACES: &str = "EXT_mesh_gpu_instancing";
+
 /// How PlayCanvas' converter calls itself.
 const SPLAT_TRANSFORM: &str = "splat-transform";
 
@@ -41,7 +50,8 @@ pub struct GlbScene {
 /// Reads the Gaussians of a `.glb` file.
 ///
 /// # Errors
-/// The file cannot be read, is damaged, has no Gaussians but other meshes, or has them compressed or outside of the file.
+/// The file cannot be read, is damaged, has no Gaussians but other meshes, has them compressed or outside of the file, or
+/// requires an extension that is not read.
 pub fn read_glb(path: &Path) -> Result<GlbScene, IoError> {
     parse_glb(&read_bytes(path)?, path)
 }
@@ -51,6 +61,7 @@ pub fn parse_glb(bytes: &[u8], path: &Path) -> Result<GlbScene, IoError> {
     let (json, binary) = chunks(bytes, path)?;
     let invalid = |e: serde_json::Error| IoError::damaged(path, format!("has a JSON part that cannot be used: {e}"));
     let document: Document = serde_json::from_slice(json).map_err(invalid)?;
+    check_required(&document, path)?;
     let mut notes = Vec::new();
     let parts = parts(&document, json.len(), &mut notes, path)?;
     if parts.is_empty() && document.meshes.iter().any(|mesh| !mesh.primitives.is_empty()) {
@@ -91,6 +102,26 @@ fn chunks<'a>(bytes: &'a [u8], path: &'a Path) -> Result<(&'a [u8], &'a [u8]), I
     Ok((json, binary))
 }
 
+/// Checks that a file requires no extension that is not read.
+fn check_required(document: &Document, path: &Path) -> Result<(), IoError> {
+    let mut required = document.extensions_required.iter();
+    let Some(name) = required.find(|name| !READ_EXTENSIONS.contains(&name.as_str())) else { return Ok(()) };
+    let what = format!("requires the extension {name}, which is not read");
+    let error = IoError::new(path, what).at(Place::Field("extensionsRequired".into()));
+    Err(error.advise(if name.contains(COMPRESSION) {
+        WITHOUT_COMPRESSION
+    } else {
+        "write it without that, or as .ply or .spz"
+    }))
+}
+
+/// Adds a note, once.
+fn note(notes: &mut Vec<String>, what: String) {
+    if !notes.contains(&what) {
+        notes.push(what);
+    }
+}
+
 /// All meshes of Gaussians that the scene places, at most `most`, in the order of nodes: a node before its children.
 fn parts(document: &Document, most: usize, notes: &mut Vec<String>, path: &Path) -> Result<Vec<Part>, IoError> {
     let fail = |what: &str, field: String| IoError::new(path, what).at(Place::Field(field));
@@ -117,6 +148,10 @@ fn parts(document: &Document, most: usize, notes: &mut Vec<String>, path: &Path)
             for primitive in primitives.ok_or_else(|| fail("names a mesh that does not exist", field()))? {
                 if let Some(attributes) = attributes(primitive, mesh, notes, path)? {
                     out.push(Part { scene_from_part, attributes });
+                    if node.extensions.contains_key(MANY_PLACES) {
+                        let what = "has meshes of Gaussians in many places by";
+                        note(notes, format!("{what} {MANY_PLACES}, which is not read: each is placed once"));
+                    }
                 }
                 // Nodes and primitives take bytes each; their product is no scene.
                 if out.len() > most {
@@ -154,20 +189,15 @@ fn attributes(
 ) -> Result<Option<Attributes>, IoError> {
     let Some(Splats { kernel, color_space, extensions }) = &primitive.extensions.splats else { return Ok(None) };
     let fail = |what: String| IoError::new(path, what).at(Place::Field(format!("meshes[{mesh}]")));
-    if let Some(name) = extensions.keys().find(|name| name.contains("compression")) {
+    if let Some(name) = extensions.keys().find(|name| name.contains(COMPRESSION)) {
         let error = fail(format!("has Gaussians compressed by {name}, which is not read"));
-        return Err(error.advise("write them without compression, or as .spz"));
+        return Err(error.advise(WITHOUT_COMPRESSION));
     }
-    let mut note = |what: String| {
-        if !notes.contains(&what) {
-            notes.push(what);
-        }
-    };
     if !kernel.is_empty() && kernel != KERNEL {
-        note(format!("has Gaussians of the kernel {kernel:?}, which are drawn as ellipses"));
+        note(notes, format!("has Gaussians of the kernel {kernel:?}, which are drawn as ellipses"));
     }
     if !color_space.is_empty() && color_space != COLOUR_SPACE {
-        note(format!("has colours of the space {color_space:?}, which are shown as if they were sRGB"));
+        note(notes, format!("has colours of the space {color_space:?}, which are shown as if they were sRGB"));
     }
     Attributes::find(|name| primitive.attributes.get(name).copied()).map(Some).map_err(fail)
 }

@@ -10,6 +10,8 @@ use serde::Deserialize;
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Document {
     pub(super) asset: Asset,
+    /// Extensions without which the file means something else.
+    pub(super) extensions_required: Vec<String>,
     pub(super) scene: usize,
     pub(super) scenes: Vec<Scene>,
     pub(super) nodes: Vec<Node>,
@@ -38,6 +40,8 @@ pub(super) struct Node {
     pub(super) name: Option<String>,
     pub(super) mesh: Option<usize>,
     pub(super) children: Vec<usize>,
+    /// Extensions, for instance for instances.
+    pub(super) extensions: BTreeMap<String, serde_json::Value>,
     matrix: Option<Box<[f64; 16]>>,
     translation: Option<[f64; 3]>,
     rotation: Option<[f64; 4]>,

@@ -11,7 +11,7 @@ use glam::{DMat3, DMat4, DVec3};
 
 use super::read_values::{Attributes, Values};
 use crate::error::{IoError, Place};
-use crate::host_memory::available_bytes;
+use crate::host_memory::{available_bytes, check_reading, gaussian_bytes};
 use instgs_vk::math::covariance::{covariance, quat_from_rotation};
 use instgs_vk::math::eigen::symmetric_eigen;
 use instgs_vk::math::sh::{ShRotation, widened};
@@ -134,19 +134,14 @@ fn check_count(parts: &[Part], values: &Values<'_>) -> Result<(), IoError> {
 
 /// Checks memory for meshes that cannot be instances, since their nodes stretch them: each is a copy.
 fn check_copies(parts: &[Part], placements: &[Placement], values: &Values<'_>) -> Result<(), IoError> {
-    /// Bytes of a Gaussian of SH degree 3, and the same again while clouds are joined.
-    const EACH: u64 = 2 * 236;
     let mut count = 0u64;
     for (part, _) in parts.iter().zip(placements).filter(|(_, placement)| matches!(placement, Placement::Affine(_))) {
         count = count.saturating_add(values.count(part.attributes.position)? as u64);
     }
-    match available_bytes() {
-        Some(have) if count.saturating_mul(EACH) > have => {
-            let what = format!("has {count} Gaussians in stretched copies, more than the available memory holds");
-            Err(IoError::too_large(values.path, what))
-        }
-        _ => Ok(()),
-    }
+    // The same again while clouds are joined.
+    let need = count.saturating_mul(2 * gaussian_bytes(MAX_SH_DEGREE));
+    let what = format!("has {count} Gaussians in stretched copies, which take");
+    check_reading(values.path, &what, need, available_bytes())
 }
 
 /// Builds templates, instances and offsets.

@@ -219,10 +219,27 @@ fn errors_and_notes_name_what_is_wrong() -> Outcome {
         ("\"KHR_gaussian_splatting\":{", "\"other\":{", "has no placed mesh with KHR_gaussian_splatting; this is"),
         ("{\"kernel\"", "{\"extensions\":{\"X_compression\":{}},\"kernel\"", "compressed by X_compression"),
         ("\"asset\"", "\"asset\":", "JSON part that cannot be used"),
+        (
+            "\"asset\"",
+            "\"extensionsRequired\":[\"KHR_gaussian_splatting\",\"EXT_mesh_gpu_instancing\"],\"asset\"",
+            "extensionsRequired: requires the extension EXT_mesh_gpu_instancing, which is not read; write it without that",
+        ),
+        (
+            "\"asset\"",
+            "\"extensionsRequired\":[\"EXT_meshopt_compression\"],\"asset\"",
+            "requires the extension EXT_meshopt_compression, which is not read; write them without compression",
+        ),
     ] {
         let text = with(from, to).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(text.contains(want) && !text.contains('\n'), "{want}: {text}");
     }
+    let fine = with("\"asset\"", r#""extensionsRequired":["KHR_mesh_quantization","KHR_gaussian_splatting"],"asset""#)?;
+    assert_eq!(fine, foreign(r#"{"mesh":0}"#)?);
+    // Where the extension is not required, a mesh is placed once, and the note comes once.
+    let many = r#"{"mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":0}}}}"#;
+    let many = foreign(&format!(r#"{{"children":[1,2]}},{many},{many}"#))?;
+    assert!(many.notes.len() == 1 && many.notes[0].contains("EXT_mesh_gpu_instancing"), "{:?}", many.notes);
+    assert_eq!(many.scene.instances.len(), 2);
     let linear = with("srgb_rec709_display", "lin_rec709_display")?;
     assert!(linear.notes[0].contains("lin_rec709_display"), "{:?}", linear.notes);
     assert!(parse_glb(b"hello world!", path()).is_err_and(|e| e.to_string().contains("is not a GLB file")));

@@ -21,6 +21,9 @@ const FIXED_LOG_COVARIANCE: f32 = 0.1;
 const FIXED_LOGIT: f32 = 0.1;
 const FIXED_SH: f32 = 0.02;
 const FIXED_MEAN_PER_SIZE: f64 = 1.0 / 16.0;
+/// An axis counts as at least this part of the longest one when a position's step is sought: what is thinner is a sheet or a
+/// thread, of which the picture shows the breadth. Without it a flat Gaussian (a log scale of -87) has steps that nobody can see.
+const THINNEST: f64 = 0.01;
 /// Offsets are spread over more values than what they change, and many: their steps are twice those.
 const OFFSETS: f32 = 2.0;
 
@@ -179,9 +182,13 @@ fn own_order(scene: &InstancedScene) -> Option<Vec<u32>> {
     (out.len() == scene.own.len()).then_some(out)
 }
 
-/// Size of a Gaussian: geometric mean of its standard deviations.
+/// Size of a Gaussian, scene units: geometric mean of its standard deviations, none of which counts as less than [`THINNEST`] of
+/// the largest.
 fn size(log_scales: &[f32; 3]) -> f64 {
-    let size = (log_scales.iter().map(|&v| f64::from(v)).sum::<f64>() / 3.0).exp();
+    let log_scales = log_scales.map(f64::from);
+    let least = log_scales.into_iter().fold(f64::NEG_INFINITY, f64::max) + THINNEST.ln();
+    // Not max, which would hide that a value is no number.
+    let size = (log_scales.map(|v| if v < least { least } else { v }).iter().sum::<f64>() / 3.0).exp();
     if size.is_finite() { size } else { 0.0 }
 }
 

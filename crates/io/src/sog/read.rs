@@ -9,7 +9,7 @@ use super::archive::Archive;
 use super::image::Image;
 use super::meta::{META, Means, Meta, Palette};
 use crate::error::{IoError, Place};
-use crate::host_memory::available_bytes;
+use crate::host_memory::{available_bytes, check_reading, gaussian_bytes};
 use crate::{logit_of_byte, read_bytes};
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
@@ -118,15 +118,9 @@ impl Reader<'_, '_> {
 
     /// Checks memory for the cloud and its images, if the available one is known.
     fn check_memory(&self, sh_degree: u32) -> Result<(), IoError> {
-        let bytes_each = 4 * (3 + 4 + 3 + 1 + 3 * sh_coefficients(sh_degree) as u64) + 4 * 4;
-        let need = u64::from(self.meta.count) * bytes_each;
-        match available_bytes() {
-            Some(have) if need > have => {
-                let (need, have) = (need >> 20, have >> 20);
-                Err(IoError::too_large(self.path, format!("takes {need} MiB to read, {have} MiB are available")))
-            }
-            _ => Ok(()),
-        }
+        // With four images of four bytes a pixel.
+        let bytes_each = gaussian_bytes(sh_degree) + 4 * 4;
+        check_reading(self.path, "takes", u64::from(self.meta.count) * bytes_each, available_bytes())
     }
 
     /// An image with a pixel for every Gaussian.
