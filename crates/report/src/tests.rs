@@ -366,9 +366,12 @@ fn the_json_of_two_phases_reads_back_and_older_ones_too() -> Result<(), Box<dyn 
     assert!(object.remove("joint_match").is_some() && object.remove("repeated").is_some());
     let decay_steps = value["config"]["rates"].as_object_mut().and_then(|rates| rates.remove("decay_steps"));
     assert!(decay_steps.is_some());
+    let offsets = value["config"]["offsets"].as_object_mut().ok_or("an object")?;
+    assert!(offsets.remove("sh_degree").is_some() && offsets.insert("sh_rest".into(), true.into()).is_none());
     let old: RunReport = serde_json::from_value(value)?;
     let mut config = report.config.clone();
     config.train.rates.decay_steps = 0;
+    config.train.offsets.sh_degree = 3;
     assert_eq!(old, RunReport { joint_match: None, repeated: None, config, ..report });
     Ok(())
 }

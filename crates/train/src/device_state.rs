@@ -93,6 +93,7 @@ impl DeviceState {
             template_ranges: scene.template_ranges.clone(),
             instances: scene.instances.clone(),
             pixel_filter: scene.pixel_filter,
+            near_plane: scene.near_plane,
             groups: scene.groups.clone(),
             source: scene.source.clone(),
             foreign_tensors: scene.foreign_tensors.clone(),

@@ -53,7 +53,8 @@ pub enum Event {
         /// Structural similarity, at most 1.
         #[serde(deserialize_with = "null_is_nan")]
         ssim: f64,
-        /// Peak signal-to-noise ratio, dB.
+        /// Peak signal-to-noise ratio over all pixels, dB: those that a mask of pixels hides count as right, other than in
+        /// evaluations.
         #[serde(deserialize_with = "null_is_nan")]
         psnr: f64,
         /// Number of Gaussians.

@@ -91,9 +91,9 @@ pub struct DatasetFacts {
     pub train_views: u64,
     /// Number of test views.
     pub test_views: u64,
-    /// Width of the (first) training picture, pixels.
+    /// Largest width of the training pictures, pixels.
     pub width: u32,
-    /// Height of the same picture, pixels.
+    /// Largest height of the training pictures, pixels.
     pub height: u32,
     /// Number of points of the data set's point cloud.
     pub points: u64,

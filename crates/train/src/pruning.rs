@@ -84,8 +84,8 @@ fn blending_weights(
     cameras: &[Camera],
     mut on_view: impl FnMut(),
 ) -> Result<Vec<f64>, TrainError> {
-    let cloud = InstancedScene { pixel_filter: scene.pixel_filter, ..InstancedScene::from_cloud(scene.flatten()) };
-    let options = RenderOptions::default().filtered(scene.pixel_filter);
+    let cloud = InstancedScene::from_cloud(scene.flatten());
+    let options = RenderOptions::of(scene);
     let mut renderer = ContributionRenderer::new(gpu, &cloud)?;
     // Integers: the order of the cameras changes nothing.
     let mut sums = vec![0u64; cloud.background.len()];
@@ -98,7 +98,7 @@ fn blending_weights(
     Ok(sums.into_iter().map(|sum| sum as f64 / f64::from(CONTRIBUTION_ONE)).collect())
 }
 
-/// PSNR between pictures of two scenes from these cameras, each with its own pixel filter: the mean over the cameras, dB.
+/// PSNR between pictures of two scenes from these cameras, each with its own near plane and pixel filter: the mean over the cameras, dB.
 ///
 /// # Errors
 /// There are no cameras, a scene beyond the device's limits, or a failing device.
@@ -112,8 +112,7 @@ pub fn picture_psnr(gpu: &Arc<Gpu>, scenes: [&InstancedScene; 2], cameras: &[Cam
     for camera in cameras {
         let mut pictures = Vec::new();
         for (scene, uploaded) in scenes.iter().zip(&uploaded) {
-            let options = RenderOptions::default().filtered(scene.pixel_filter);
-            renderer.render(uploaded, camera, &options)?;
+            renderer.render(uploaded, camera, &RenderOptions::of(scene))?;
             let picture = renderer.download()?;
             pictures.push(picture.colors.iter().map(|&[r, g, b, _]| [r, g, b]).collect::<Vec<_>>());
         }

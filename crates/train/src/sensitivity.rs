@@ -98,7 +98,7 @@ pub fn measure_sensitivity(
         color_matrices: 0.0,
         poses: PoseRates::default(),
     };
-    let options = RenderOptions::default().filtered(scene.pixel_filter);
+    let options = RenderOptions::of(scene);
     let packed = scene.with_packed_own();
     let mut shapes = ShapeSums::new(&packed);
     let mut values = 0.0;

@@ -178,7 +178,8 @@ fn layout_of(checkpoint: &mut Checkpoint, start: &SourceLayout, path: &Path) -> 
         instance.first_offset.is_none_or(|first| ends_within(first, count_of(instance), offsets))
     };
     let own = packed_len(&own_ranges);
-    let same_kind = (offsets == 0) == (start.offsets == 0);
+    // A scene whose templates have died away has no offsets left.
+    let same_kind = (offsets == 0) == (start.offsets == 0) || offsets == 0 && templates == 0;
     if firsts.len() != start.instances.len() || !same_kind || !instances.iter().all(fits) {
         return fail(FIRST_OFFSETS);
     }

@@ -99,13 +99,24 @@ pub struct StepRunner {
     grown: Vec<u32>,
     /// Number of finished steps in the state on the device, as far as collected.
     finished: u64,
+    /// The outcome of a step that was collected just before a failure.
+    untold: Option<StepOutcome>,
+}
+
+/// What is left after a failure.
+#[derive(Debug)]
+pub struct Settled {
+    /// Number of finished steps in the state on the device.
+    pub steps: u64,
+    /// Those of them whose outcome nobody was told, in order.
+    pub outcomes: Vec<StepOutcome>,
 }
 
 impl StepRunner {
     /// A runner for pictures of at most `largest_px` (width, height); `profile` measures the time of every pass.
     pub fn new(gpu: &Arc<Gpu>, variant: Variant, largest_px: [u32; 2], profile: bool) -> Result<Self, RenderError> {
         let recorder = |_| if profile { Recorder::with_profiler(gpu) } else { Recorder::new(gpu) };
-        let frame = TrainFrame::new(gpu, variant)?;
+        let frame = TrainFrame::sound(gpu, variant)?;
         Ok(Self {
             gpu: gpu.clone(),
             mcmc: McmcStepPipelines::new(gpu, frame.pipeline_cache(), frame.variant())?,
@@ -118,6 +129,7 @@ impl StepRunner {
             times: StepTimes::default(),
             grown: Vec::new(),
             finished: 0,
+            untold: None,
         })
     }
 
@@ -161,7 +173,10 @@ impl StepRunner {
         }
         let start = Instant::now();
         let outcome = if self.in_flight.len() >= IN_FLIGHT { self.collect(state, views)? } else { None };
-        self.record(state, views, plan)?;
+        if let Err(error) = self.record(state, views, plan) {
+            self.untold = outcome;
+            return Err(error);
+        }
         self.times.total += start.elapsed();
         Ok(outcome)
     }
@@ -171,19 +186,21 @@ impl StepRunner {
         !self.in_flight.is_empty()
     }
 
-    /// After a failure: waits for the device and discards the steps in flight; returns the number of finished steps in
-    /// the remaining state. Steps after an overflow have changed nothing.
-    pub fn settle(&mut self) -> u64 {
+    /// After a failure: waits for the device and discards the steps in flight; returns what is left. Steps after an overflow
+    /// have changed nothing.
+    pub fn settle(&mut self) -> Settled {
         // A lost device has no state; the next call that uses it returns the error.
         let _ = self.gpu.wait_all();
+        let mut outcomes: Vec<StepOutcome> = self.untold.take().into_iter().collect();
         for flight in self.in_flight.drain(..) {
             let record = read_record(&self.log.readback[flight.slot], flight.plan.step);
             if u64::from(record.step) != flight.plan.step & 0xFFFF_FFFF || record.overflowed != 0 {
                 break;
             }
             self.finished = flight.plan.step + 1;
+            outcomes.push(outcome(flight.plan.step, &record));
         }
-        self.finished
+        Settled { steps: self.finished, outcomes }
     }
 
     /// The outcome of the oldest step that has not been collected; `None` if there is none.

@@ -174,7 +174,7 @@ pub fn train(
     let save = Instant::now();
     let mut scene = run.state.download(gpu)?;
     files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
-    scene.pixel_filter = job.config.pixel_filter();
+    (scene.pixel_filter, scene.near_plane) = (job.config.pixel_filter(), job.config.near_plane());
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
     let file_bytes = write_scene(job, &scene, done)?;
@@ -444,15 +444,22 @@ impl<'a> Run<'a> {
             Ok(None) => Ok(()),
             Ok(Some(outcome)) => self.report(&outcome, sink),
             Err(error) => {
-                let step = self.runner.settle();
-                Err(self.given_up(step, error, sink))
+                let settled = self.runner.settle();
+                // The log has them, too; a log that cannot be written is not the first thing to tell.
+                let _ = settled.outcomes.iter().try_for_each(|outcome| self.report(outcome, sink));
+                Err(self.given_up(settled.steps, error, sink))
             }
         }
     }
 
-    /// Saves the state after `step` steps, and returns the error with the step and the checkpoint.
+    /// Saves the state after `step` steps, unless a checkpoint has it, and returns the error with the step and the checkpoint.
     fn given_up(&mut self, step: u64, error: TrainError, sink: &mut dyn EventSink) -> TrainError {
-        let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step, Saving::Failed).ok());
+        let there = self.job.folder().checkpoints().join(checkpoint::file_name(step));
+        let saved = sink.flush().ok().and_then(|()| match there.is_file() {
+            // It also knows the room that its steps needed.
+            true => Some(there),
+            false => self.save_checkpoint(step, Saving::Failed).ok(),
+        });
         let remedy = self.remedy(&error);
         TrainError::Step { step, error: Box::new(error), remedy, saved }
     }

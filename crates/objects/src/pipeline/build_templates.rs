@@ -33,7 +33,7 @@ pub fn build_templates(
     let labels: Vec<u32> =
         segmented.labels.iter().zip(&is_kept).filter(|(_, kept)| **kept).map(|(&id, _)| id).collect();
     let mut built = build(&kept, &labels, groups, &config.template_options())?;
-    built.scene.pixel_filter = config.train.pixel_filter();
+    (built.scene.pixel_filter, built.scene.near_plane) = (config.train.pixel_filter(), config.train.near_plane());
     built.scene.source = "instgs-vk: merged, not yet trained".into();
     let hardly_seen = (cloud.background.len() - kept.len()) as u64;
     Ok(MergedScene { scene: built.scene, groups: built.report, hardly_seen })

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::config::RunConfig;
-use instgs_io::RunFolder;
+use instgs_io::{IoError, RunFolder};
 use instgs_train::TrainJob;
 use instgs_train::config::ConfigError;
 
@@ -28,6 +28,19 @@ impl PipelineJob {
         RunFolder::new(&self.out)
     }
 
+    /// Fails if results would be written among the photos: `groups.json` and `masks/` are names that data sets use as well.
+    ///
+    /// # Errors
+    /// The run folder is the data set's.
+    pub fn check_folders(&self) -> Result<(), IoError> {
+        let [data, out] = [&self.data, &self.out].map(|path| path.canonicalize().ok());
+        if data.is_some() && data == out {
+            let error = IoError::new(&self.out, "is the folder of the data set, whose files a run would replace");
+            return Err(error.advise("choose another folder for the run, for instance one in it"));
+        }
+        Ok(())
+    }
+
     /// The training job of the run: of a plain cloud, or, with templates and instances, of the joint phase.
     ///
     /// # Errors
@@ -47,5 +60,26 @@ impl PipelineJob {
     pub fn cloud_phase(&self) -> Self {
         let out = self.folder().plain_cloud_run().path().into();
         Self { out, config: self.config.cloud_phase(), ..self.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::config::ConfigBuilder;
+
+    #[test]
+    fn a_run_is_not_written_among_the_photos() -> Result<(), Box<dyn std::error::Error>> {
+        let data = tempfile::tempdir()?;
+        let job = |out: PathBuf| -> Result<PipelineJob, Box<dyn std::error::Error>> {
+            let config = ConfigBuilder::new().finish()?;
+            Ok(PipelineJob { data: data.path().into(), out, config, resume: false, accept_changed_data: false })
+        };
+        assert!(job(data.path().join("."))?.check_folders().is_err());
+        assert!(job(data.path().join("runs/a"))?.check_folders().is_ok());
+        std::fs::create_dir(data.path().join("run"))?;
+        assert!(job(data.path().join("run"))?.check_folders().is_ok());
+        assert!(job(data.path().join("run/.."))?.check_folders().is_err());
+        Ok(())
     }
 }

@@ -125,6 +125,7 @@ impl CloudLabels {
 /// # Errors
 /// A configuration that cannot be written down, or a file that cannot be written.
 pub fn write_cloud(job: &PipelineJob, cloud: &Gaussians) -> Result<InstancedScene, PipelineError> {
+    job.check_folders()?;
     let folder = job.folder();
     folder.create()?;
     let text = job.config.to_toml()?;

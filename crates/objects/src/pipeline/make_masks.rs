@@ -74,9 +74,9 @@ pub(super) fn masks_from_boxes(
         return Ok(None);
     }
     let clock = Stage::Masks.begin(observer)?;
-    let (views, cameras) = training_views(job)?;
+    let (views, _) = training_views(job)?;
     let options = BoxOptions {
-        width: cameras.first().map(|camera| camera.width),
+        width: (job.config.train.width > 0).then_some(job.config.train.width),
         seed: job.config.train.seed,
         render: eval_options(&job.config.train),
         ..BoxOptions::default()

@@ -15,7 +15,7 @@ use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
 use super::prepare::{Prepared, prepare};
 use instgs_io::json::read_json;
-use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, write_ply, write_scene_file};
+use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, load_scene, write_ply, write_scene_file};
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
 use instgs_train::given::{GivenCloud, given_cloud};
@@ -40,6 +40,29 @@ const OF_JOINT_PHASE: [&str; 15] = [
     "background_rates.",
     "offset_rates.",
     "pose_rates.",
+    "eval_every",
+    "checkpoint_every",
+    "device_memory_mb",
+];
+
+/// Prefixes of the keys that a plain cloud does not depend on. That `steps` are the same is found otherwise: more of them go on.
+const NOT_OF_PLAIN_CLOUD: [&str; 19] = [
+    "steps",
+    "method",
+    "offsets.",
+    "joint.",
+    "template_rates.",
+    "background_rates.",
+    "offset_rates.",
+    "pose_rates.",
+    "groups",
+    "masks",
+    "boxes",
+    "prompt",
+    "models",
+    "detect.",
+    "segment.",
+    "template.",
     "eval_every",
     "checkpoint_every",
     "device_memory_mb",
@@ -96,6 +119,7 @@ impl Pipeline<'_> {
     /// # Errors
     /// Faulty input, a device that fails, or an interrupted run.
     pub fn run(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Finished, PipelineError> {
+        job.check_folders()?;
         match job.config.train.method {
             Method::Gaussians => {
                 let trained = self.train(job, &job.out, Phase::PlainCloud, observer)?;
@@ -107,6 +131,7 @@ impl Pipeline<'_> {
 
     fn run_with_objects(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Finished, PipelineError> {
         check_same_stages(job)?;
+        check_same_cloud(job)?;
         // Existing masks are checked before hours of training, and before the run folder is created.
         let are_there = matches!(MaskSource::of(job)?, MaskSource::Folder(_) | MaskSource::Boxes(_));
         let mut warned = if are_there { checked(job, observer)? } else { Vec::new() };
@@ -135,20 +160,25 @@ impl Pipeline<'_> {
         Ok(Finished { scene: trained.scene, facts: trained.facts, objects })
     }
 
-    /// The joint phase alone: trains a scene of templates and instances into the job's folder. A job that resumes goes on with
-    /// the scene that it began with.
+    /// The joint phase alone: trains a scene of templates and instances into the job's folder. A job that resumes goes on if the phase
+    /// has begun.
     ///
     /// # Errors
-    /// Faulty input, a device that fails, or an interrupted run.
+    /// Faulty input, a device that fails, an interrupted run, or a phase that began with another scene.
     pub fn joint(
         &self,
         job: &PipelineJob,
         scene: &InstancedScene,
         observer: &mut dyn Observer,
     ) -> Result<Trained, PipelineError> {
+        job.check_folders()?;
         job.folder().create()?;
-        if !job.resume {
-            write_scene_file(&job.folder().initial_scene(), scene)?;
+        let first = job.folder().initial_scene();
+        if !job.resume || !has_checkpoint(&job.folder()) {
+            write_scene_file(&first, scene)?;
+        } else if !load_scene(&first)?.scene.shows_the_same(scene) {
+            let error = IoError::new(&job.out, "its joint phase began with another scene");
+            return Err(error.advise("give that one (initial.instgs), or train into another folder").into());
         }
         self.train(job, &job.out, Phase::Joint, observer)
     }
@@ -208,7 +238,8 @@ impl Pipeline<'_> {
         let GivenCloud { cloud, file_bytes, warnings } = given_cloud(scene, config)?;
         warnings.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
         write_ply(&job.folder().point_cloud(), &cloud, config.pixel_filter())?;
-        let scene = InstancedScene { pixel_filter: config.pixel_filter(), ..InstancedScene::from_cloud(cloud) };
+        let (pixel_filter, near_plane) = (config.pixel_filter(), config.near_plane());
+        let scene = InstancedScene { pixel_filter, near_plane, ..InstancedScene::from_cloud(cloud) };
         let facts = TrainFacts {
             method: Method::Gaussians.name().into(),
             eval: self.evaluated(job, &scene)?,
@@ -258,6 +289,23 @@ fn checked(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Vec<String>
     Ok(warnings)
 }
 
+/// A run that resumes keeps a plain cloud of so many steps, so what that was trained with must be unchanged.
+fn check_same_cloud(job: &PipelineJob) -> Result<(), PipelineError> {
+    let phase = job.cloud_phase();
+    let (run, steps) = (phase.folder(), phase.config.train.steps);
+    let is_given = job.config.train.init_scene.is_some();
+    let is_kept = job.resume && !is_given && finished_training(&run)?.is_some_and(|facts| facts.steps == steps);
+    if !is_kept || !run.config().is_file() {
+        return Ok(());
+    }
+    let earlier: RunConfig = ConfigBuilder::new().run_file(&run.config())?.finish()?;
+    let matters = |key: &str| !NOT_OF_PLAIN_CLOUD.iter().any(|free| key.starts_with(free));
+    let changed = earlier.differences(&phase.config)?.into_iter().find(|(key, ..)| matters(key));
+    let Some((key, was, now)) = changed else { return Ok(()) };
+    let what = format!("its plain cloud was trained with {key} = {was}, and the run cannot continue with {now}");
+    Err(IoError::new(&job.out, what).advise("leave that value, or train into another folder").into())
+}
+
 /// A run that resumes keeps the objects and templates that it found, so their inputs must be unchanged.
 fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
     let path = job.folder().config();
@@ -265,7 +313,9 @@ fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
         return Ok(());
     }
     let earlier: RunConfig = ConfigBuilder::new().run_file(&path)?.finish()?;
-    let is_free = |key: &str| OF_JOINT_PHASE.iter().any(|free| key.starts_with(free));
+    // Whether poses are refined also decides whether given ones are before templates are made.
+    let of_templates = earlier.pipeline.groups.as_ref().map(|_| "joint.refine_poses");
+    let is_free = |key: &str| OF_JOINT_PHASE.iter().any(|free| key.starts_with(free)) && of_templates != Some(key);
     let changed = earlier.differences(&job.config)?.into_iter().find(|(key, ..)| !is_free(key));
     let Some((key, was, now)) = changed else { return Ok(()) };
     let what = format!("its objects were found with {key} = {was}, and it cannot continue with {now}");

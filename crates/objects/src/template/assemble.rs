@@ -17,7 +17,7 @@ use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, PosedGroup, P
 /// Result of [`build`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Built {
-    /// A valid scene, ready for training; the caller sets `pixel_filter` and `source`.
+    /// A valid scene, ready for training; the caller sets `pixel_filter`, `near_plane` and `source`.
     pub scene: InstancedScene,
     /// One report per group, in the order of the groups.
     pub report: Vec<GroupReport>,

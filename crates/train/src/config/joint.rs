@@ -1,6 +1,7 @@
 //! Settings of the joint phase; the reasons for their defaults are in `configs/default.toml`.
 
-use serde::{Deserialize, Serialize};
+use instgs_vk::scene::gaussians::MAX_SH_DEGREE;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::schedule::{GaussianRates, PoseRates, Rates, late_decay, log_linear};
 use super::{DensifyConfig, Method, Strategy, TrainConfig};
@@ -15,10 +16,32 @@ pub struct OffsetConfig {
     pub sh_dc: bool,
     /// Offsets of the opacity logits.
     pub opacity: bool,
-    /// SH degree up to which the other coefficients have offsets; 0 = they have none.
+    /// SH degree up to which the other coefficients have offsets; 0 = they have none. Reports of older runs have `sh_rest`, which
+    /// is true for all degrees.
+    #[serde(alias = "sh_rest", deserialize_with = "degree_or_all")]
     pub sh_degree: u32,
     /// Offsets of log scales and quaternions.
     pub covariance: bool,
+}
+
+/// An SH degree; `true` is the highest one, `false` is 0.
+fn degree_or_all<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Either {
+        Degree(u32),
+        All(bool),
+    }
+    Ok(match Either::deserialize(deserializer)? {
+        Either::Degree(degree) => degree,
+        Either::All(all) => {
+            if all {
+                MAX_SH_DEGREE
+            } else {
+                0
+            }
+        }
+    })
 }
 
 /// Settings of the joint phase, the second training run.

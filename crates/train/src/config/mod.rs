@@ -16,7 +16,7 @@ mod schedule;
 
 use std::path::PathBuf;
 
-use instgs_vk::scene::PixelFilter;
+use instgs_vk::scene::{NearPlane, PixelFilter};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -322,6 +322,11 @@ impl TrainConfig {
         PixelFilter { dilation_px2: self.dilation as f32, antialias: self.antialias }
     }
 
+    /// The near plane of the training pictures, which the scene keeps.
+    pub fn near_plane(&self) -> NearPlane {
+        NearPlane(self.near as f32)
+    }
+
     /// The configuration as TOML with every key, as in `RUN/config.toml`; loading it gives an equal one.
     ///
     /// # Errors
@@ -383,7 +388,7 @@ impl Configuration for TrainConfig {
             require(densify.recycle == 0.0 || rate > 0.0, name, "above 0 with", "densify.recycle")?;
         }
         require(
-            self.init != Init::Random || self.init_count <= self.max_gaussians,
+            self.init != Init::Random || self.init_scene.is_some() || self.init_count <= self.max_gaussians,
             "init_count",
             "at most",
             "max_gaussians",

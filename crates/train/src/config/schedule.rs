@@ -144,13 +144,13 @@ impl TrainConfig {
     }
 }
 
-/// From `first` at step 0 to `last` from step `steps` on, by equal factors; both ends are exact.
+/// From `first` at step 0 to `last` from step `steps` on, by equal factors; both ends are exact. What begins at 0 stays there.
 pub(super) fn log_linear(first: f64, last: f64, step: u64, steps: u64) -> f64 {
-    if step >= steps {
-        return last;
-    }
     if first == 0.0 {
         return 0.0;
+    }
+    if step >= steps {
+        return last;
     }
     first * (last / first).powf(step as f64 / steps as f64)
 }
@@ -158,6 +158,9 @@ pub(super) fn log_linear(first: f64, last: f64, step: u64, steps: u64) -> f64 {
 /// 1 for the fraction `start` of the steps, then by equal factors down to `last` at step `steps`.
 pub(super) fn late_decay(last: f64, start: f64, step: u64, steps: u64) -> f64 {
     let first_decaying = ((start * steps as f64).round() as u64).min(steps);
+    if step < first_decaying {
+        return 1.0;
+    }
     log_linear(1.0, last, step.saturating_sub(first_decaying), steps - first_decaying)
 }
 
@@ -182,7 +185,8 @@ mod tests {
         let short = with(&["steps=100", "rates.means_steps=0"])?;
         assert_eq!(short.rates_at(100, 1.0).background.means, 1.6e-6);
         assert!((short.rates_at(50, 1.0).background.means / 1.6e-5 - 1.0).abs() < 1e-12);
-        assert_eq!(with(&["rates.means=0"])?.rates_at(7, 1.0).background.means, 0.0);
+        let held = with(&["rates.means=0"])?;
+        assert_eq!([7, 30_000, 40_000].map(|step| held.rates_at(step, 1.0).background.means), [0.0; 3]);
         Ok(())
     }
 
@@ -205,6 +209,15 @@ mod tests {
         assert_eq!([opacity(0), opacity(160)], [1.0, 1.0]);
         assert!((opacity(180) / 0.1 - 1.0).abs() < 1e-12 && opacity(161) < 1.0);
         assert_eq!(opacity(200), 0.01);
+        Ok(())
+    }
+
+    #[test]
+    fn a_decay_that_begins_with_the_end_comes_after_it() -> Result<(), ConfigError> {
+        // 0.8 of two steps are two.
+        let late = with(&["rates.final_factor=0.01", "rates.decay_steps=2", "rates.decay_start=0.8"])?;
+        let factor = |step| late.rates_at(step, 1.0).template.quats / 1e-3;
+        assert_eq!([0, 1, 2, 9].map(factor), [1.0, 1.0, 0.01, 0.01]);
         Ok(())
     }
 

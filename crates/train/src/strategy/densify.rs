@@ -113,7 +113,7 @@ pub(super) fn densify(
     if after == 0 {
         let reason = format!(
             "none of {before} Gaussians would be left after {} steps (opacity too low, too large, or not finite): check \
-             densify.opacity_min, densify.world_size_max and the learning rates",
+             densify.opacity_min, densify.world_size_max, max_gaussians, joint.max_expanded and the learning rates",
             limits.done
         );
         return Err(RenderError::Option { option: "densify", reason });
