@@ -1,9 +1,10 @@
 //! Pruning by blending weights: what shows least goes, what stands in for something else does not go with it.
 
 use glam::{DMat3, DVec3};
+use instgs_train::measure_sensitivity;
 use instgs_train::pruning::{picture_psnr, prune};
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, SourceRange};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, NearPlane, Offsets, SourceRange};
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::random_scene::{add_own_gaussians, random_case};
@@ -24,6 +25,27 @@ fn discs(of: &[(f32, f32, f32)]) -> Gaussians {
 
 fn camera() -> Camera {
     Camera::look_at("front", DVec3::new(0.0, 0.0, -6.0), DVec3::ZERO, DVec3::NEG_Y, 0.6, (48, 32))
+}
+
+/// A scene of a few centimetres, in metres: with the near plane that it was trained with the front is seen, and what is behind it
+/// goes. With the usual one nothing is seen at all.
+#[test]
+fn the_near_plane_is_the_scenes() {
+    let Some(gpu) = gpu() else { return };
+    let mut cloud = discs(&[(0.005, 6.0, -1.0), (0.0, 6.0, 1.0)]);
+    cloud.log_scales.iter_mut().for_each(|s| *s = [-5.0, -5.0, -9.0]);
+    let usual = InstancedScene::from_cloud(cloud);
+    let close = InstancedScene { near_plane: NearPlane(0.01), ..usual.clone() };
+    let camera = Camera::look_at("close", DVec3::new(0.0, 0.0, -0.05), DVec3::ZERO, DVec3::NEG_Y, 0.6, (48, 32));
+    let cameras = [camera];
+    let pruned = prune(&gpu, &close, &cameras, 0.5, || ()).unwrap().scene;
+    assert_eq!((pruned.background.means.as_slice(), pruned.near_plane), (&[[0.0; 3]][..], NearPlane(0.01)));
+    let nothing = InstancedScene::default();
+    let [seen, unseen] = [&close, &usual].map(|scene| picture_psnr(&gpu, [scene, &nothing], &cameras).unwrap());
+    assert!(seen < 30.0 && unseen > 90.0, "{seen} {unseen}");
+    let [seen, unseen] = [&close, &usual].map(|scene| measure_sensitivity(&gpu, scene, &cameras, || ()).unwrap());
+    assert!(seen.shows_anything() && !unseen.shows_anything());
+    assert_silent(&gpu);
 }
 
 /// Two opaque layers of one colour: a picture without either is nearly the same, without both it is black.

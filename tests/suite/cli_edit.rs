@@ -207,3 +207,25 @@ fn an_edited_scene_renders() {
     };
     assert_ne!(picture("new.instgs"), picture("room.instgs"));
 }
+
+/// What is written is in full: a packed scene, or one in pages, is said to be one no longer.
+#[test]
+fn edits_of_packed_scenes_say_what_is_lost() {
+    let (_folder, at) = folder();
+    let said = |scene: &str| {
+        let mut command = program();
+        command.arg("edit").arg(at(scene)).args(["--move", "0", "by=0,0,5", "--out"]).arg(at(scene));
+        let output = command.assert().success().get_output().clone();
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap())
+    };
+    for (name, pack) in [("small.instgs", &["small"][..]), ("pages.instgs", &["f16", "--pages"])] {
+        let mut export = program();
+        export.args(["export", "--scene"]).arg(at("room.instgs")).arg("--to").arg(at(name)).arg("--pack").args(pack);
+        export.assert().success();
+        let [_, warning] = said(name);
+        let want = format!("was written with --pack {}, and this is not", pack.join(" "));
+        assert!(warning.contains(&want), "{warning}");
+    }
+    let [text, warning] = said("room.instgs");
+    assert!(warning.is_empty() && text.trim_end().ends_with(" bytes"), "{text} {warning}");
+}

@@ -167,6 +167,15 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
     let text = String::from_utf8(text).unwrap();
     assert!(text.contains("steps = 120") && text.contains("240") && text.contains("another folder"), "{text}");
     assert!(configs() == before);
+    // Without labels there are no stages to keep, but the plain cloud is.
+    let labels = at.join("b/labels.safetensors");
+    let kept = fs::read(&labels).unwrap();
+    fs::remove_file(&labels).unwrap();
+    let text = resume(["--set", "rates.opacity=0.04"]).assert().code(1).get_output().stderr.clone();
+    let text = String::from_utf8(text).unwrap();
+    assert!(text.contains("plain cloud was trained with rates.opacity = 0.025") && text.contains("0.04"), "{text}");
+    assert!(configs() == before);
+    fs::write(&labels, kept).unwrap();
     resume(["--joint-steps", "70"]).assert().success();
     assert_eq!(json(at.join("b/report.json"))["steps"], 70);
     // Poses and offsets are in the checkpoint.

@@ -141,6 +141,33 @@ fn a_run_without_a_name_gets_one_of_its_own() {
     assert_eq!(entries(&at.join("runs")), runs);
 }
 
+/// Photos stay alone, a folder to resume that has no run is said to begin one, and steps that nobody trains are not promised.
+#[test]
+fn what_a_run_would_not_do_is_said() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = folder();
+    let at = folder.path();
+    let (before, quick) = (entries(&at.join("data")), ["data", "--config", "instgs_quick"]);
+    for more in [&["--dry-run"][..], &["--steps", "5"]] {
+        let text = error_of(&mut train(at, &[&quick[..], &["--out", "data"], more].concat()));
+        assert!(text.contains("is the folder of the data set") && text.contains("another folder"), "{text}");
+    }
+    assert_eq!(entries(&at.join("data")), before);
+    let said = |args: &[&str]| {
+        let output = train(at, args).output().unwrap();
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap())
+    };
+    let begin = ["data", "--config", "quick", "--steps", "5", "--out", "plain", "--resume"];
+    assert!(said(&begin)[1].contains("plain holds no run to resume: a new one begins"));
+    assert!(!said(&begin)[1].contains("to resume"));
+    let given = ["--init", "plain/point_cloud.ply", "--steps", "5000", "--joint-steps", "7", "--dry-run"];
+    let [plan, warnings] = said(&[&quick[..], &given].concat());
+    assert!(plan.contains("7 joint ones; the plain cloud is given") && !plan.contains("5,000"), "{plan}");
+    assert!(warnings.contains("--steps are those of the plain cloud"), "{warnings}");
+}
+
 #[test]
 fn wrong_usage_of_train_exits_with_2() {
     for args in [

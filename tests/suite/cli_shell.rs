@@ -126,3 +126,16 @@ fn view_starts_the_player_with_its_flags() {
     assert_eq!(said(&["--device", "llvm", "view", "a.instgs", "--show", "templates"]), want);
     assert_eq!(run(&["view"]).status.code(), Some(2));
 }
+
+/// A script that is cut off, or a report, is worse than none.
+#[test]
+#[cfg(target_os = "linux")]
+fn output_that_cannot_be_written_is_an_error() {
+    for args in [&["completions", "bash"][..], &["config", "list", "--json"]] {
+        let full = fs::File::options().write(true).open("/dev/full").unwrap();
+        let output = Process::new(built("instgs-vk")).args(args).stdout(full).output().unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{args:?}: {text}");
+        assert!(text.contains("cannot write all of the output"), "{text}");
+    }
+}

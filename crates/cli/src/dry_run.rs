@@ -29,6 +29,7 @@ struct DryRun {
     /// Number of objects in the groups or masks, where it is known before.
     objects: Option<usize>,
     groups: Option<String>,
+    /// Number of steps of the plain cloud; 0 if that is given.
     steps: u64,
     joint_steps: Option<u64>,
     strategy: &'static str,
@@ -46,6 +47,7 @@ struct DryRun {
 /// # Errors
 /// Those that the run would have before its first step, but for damaged photos.
 pub(super) fn run(job: &PipelineJob, device_args: &DeviceArgs, json: bool, printer: &Printer) -> Result<(), CliError> {
+    job.check_folders()?;
     let gpu = device::open(device_args.choice())?;
     let heap_bytes = gpu.device_heap_bytes();
     let found = forecast(job, heap_bytes)?;
@@ -84,7 +86,7 @@ fn report(job: &PipelineJob, device: String, device_heap_bytes: u64, found: Fore
         masks: objects.map(|objects| mask_text(&objects.masks, found.train_views)),
         objects: objects.and_then(expected_objects),
         groups: groups.map(|GroupForecast { file, groups, .. }| format!("{groups} groups in {}", file.display())),
-        steps: config.steps,
+        steps: if is_instanced && config.init_scene.is_some() { 0 } else { config.steps },
         joint_steps: is_instanced.then_some(config.joint.steps),
         strategy: match config.strategy {
             Strategy::Densify => "densify",
@@ -151,8 +153,15 @@ fn print(report: &DryRun, printer: &Printer) {
         row("objects", expected);
         row("groups", report.groups.clone().unwrap_or_else(|| "found by registration".into()));
     }
-    let joint = report.joint_steps.map(|n| format!(", then {} joint ones", grouped(n))).unwrap_or_default();
-    row("steps", format!("{}{joint}", grouped(report.steps)));
+    let steps = grouped(report.steps);
+    row(
+        "steps",
+        match report.joint_steps.map(grouped) {
+            None => steps,
+            Some(joint) if report.steps == 0 => format!("{joint} joint ones; the plain cloud is given"),
+            Some(joint) => format!("{steps}, then {joint} joint ones"),
+        },
+    );
     let most = grouped(u64::from(report.max_gaussians));
     let DryRun { method, strategy, sh_degree, seed, .. } = report;
     row("Gaussians", format!("at most {most}, SH degree {sh_degree}, strategy {strategy}"));

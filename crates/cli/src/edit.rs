@@ -8,7 +8,7 @@ use super::edit_flags::Operations;
 use instgs_console::args::{Triple, open_scene, parse_up};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
-use instgs_io::{IoError, save_scene};
+use instgs_io::{ExportFormat, ExportedScene, IoError, Pack, packing_lost, save_scene};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{EditOutcome, apply, template_centres};
 use instgs_vk::scene::trajectory::Orbit;
@@ -50,6 +50,9 @@ struct Edited {
     offset_records: usize,
     /// Number of Gaussians after expanding instances.
     gaussians: u64,
+    /// Size of the written file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     list: Option<Vec<Listed>>,
 }
@@ -85,8 +88,14 @@ pub(super) fn run(args: &EditArgs, printer: &Printer) -> Result<(), CliError> {
     let mut scene = open_scene(&args.scene, printer)?.scene;
     let up = Orbit::around(&scene, args.up.map(Triple::direction)).up;
     let operations = edit(&mut scene, args, up, printer)?;
+    let mut bytes = None;
     if let Some(out) = &args.out {
+        // The file may be the scene's own.
+        let lost = packing_lost(&args.scene);
         save_scene(out, &scene)?;
+        let notes = ExportedScene::default().notes(out, &scene, ExportFormat::Instgs(Pack::F32));
+        notes.iter().chain(&lost).for_each(|note| printer.warning(note));
+        bytes = std::fs::metadata(out).ok().map(|file| file.len());
     }
     let report = Edited {
         scene: args.scene.display().to_string(),
@@ -95,6 +104,7 @@ pub(super) fn run(args: &EditArgs, printer: &Printer) -> Result<(), CliError> {
         instances: scene.instances.len(),
         offset_records: scene.offsets.len(),
         gaussians: scene.expanded_len(),
+        bytes,
         list: args.list.then(|| list(&scene)),
     };
     if args.json {
@@ -162,7 +172,8 @@ fn print(report: &Edited, printer: &Printer) {
     }
     let (instances, gaussians) = (grouped(report.instances as u64), grouped(report.gaussians));
     let file = report.out.as_ref().unwrap_or(&report.scene);
-    printer.line(format_args!("{file}: {instances} instances, {gaussians} Gaussians expanded"));
+    let bytes = report.bytes.map(|bytes| format!(", {} bytes", grouped(bytes))).unwrap_or_default();
+    printer.line(format_args!("{file}: {instances} instances, {gaussians} Gaussians expanded{bytes}"));
 }
 
 fn table(list: &[Listed]) -> Table {

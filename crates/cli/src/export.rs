@@ -5,19 +5,18 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::export_page;
-use instgs_console::args::{Triple, open_scene, parse_up};
+use super::run_beside::config_beside;
+use instgs_console::args::{Triple, open_scene, parse_near, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
 use instgs_io::small::{SmallOptions, SmallPlan};
 use instgs_io::{
-    ExportFormat, IoError, Pack, RunFolder, export_scene, write_planned_scene_file, write_scene_file_in_pages,
+    ExportFormat, ExportedScene, IoError, Pack, export_scene, write_planned_scene_file, write_scene_file_in_pages,
 };
-use instgs_objects::pipeline::config::ConfigBuilder;
-use instgs_train::config::TrainConfig;
 use instgs_train::{FinishJob, USUAL_PICTURE_PSNR_DB, finish, measure_sensitivity, sensitivity_cameras};
-use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{InstancedScene, NearPlane};
 
 /// Writes a scene as .ply, .spz or .sog (instances are expanded into plain Gaussians), as .glb (glTF with
 /// KHR_gaussian_splatting: instances become nodes that share their template's data), as OpenUSD, as .instgs, as .html (one file
@@ -60,6 +59,10 @@ pub(super) struct ExportArgs {
     /// folder the scene lies was trained on them. 0 = the scene is not trained
     #[arg(long, value_name = "STEPS", default_value_t = 0, requires = "data", value_parser = clap::value_parser!(u64).range(..=100_000))]
     finish: u64,
+    /// Depth of the near plane, scene units, for the views of --data and for the file: what a scene was trained with that does not
+    /// say so [default: the scene's, which is 0.2 unless it was trained with another]
+    #[arg(long, value_name = "Z", value_parser = parse_near)]
+    near: Option<f32>,
     /// Direction of the scene that becomes up (+y) in a .glb or OpenUSD file, or points up in an .html [default: as for render's
     /// --orbit; for .html that of the training views, if the scene lies in the folder of its run]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
@@ -141,22 +144,6 @@ fn planned(
     Ok(plan)
 }
 
-/// The configuration of the run that a scene lies in; the default if there is none, or none that can be read.
-fn config_beside(scene: &Path, printer: &Printer) -> TrainConfig {
-    let file = RunFolder::new(scene.parent().unwrap_or(Path::new("."))).config();
-    if !file.is_file() {
-        return TrainConfig::default();
-    }
-    let config = ConfigBuilder::new().run_file(&file).and_then(ConfigBuilder::finish);
-    config.map_or_else(
-        |error| {
-            printer.warning(format_args!("{error}: photos are taken whole, and black stands behind all splats"));
-            TrainConfig::default()
-        },
-        |config| config.train,
-    )
-}
-
 /// Writes the scene in the format and returns how many Gaussians the file holds.
 fn write(
     args: &ExportArgs,
@@ -166,18 +153,18 @@ fn write(
     printer: &Printer,
 ) -> Result<u64, CliError> {
     let to = args.to.as_path();
+    let mut exported = ExportedScene { gaussians: scene.source_len() as u64, ..ExportedScene::default() };
     match (format, plan) {
         (ExportFormat::Instgs(pack), _) if args.pages => write_scene_file_in_pages(to, scene, pack)?,
         (ExportFormat::Page(pack), _) => export_page::write(args, scene, pack, plan, printer)?,
         (ExportFormat::Instgs(Pack::Small), Some(plan)) => write_planned_scene_file(to, scene, plan)?,
         _ => {
             let up = Orbit::around(scene, args.up.map(Triple::direction)).up;
-            let exported = export_scene(to, scene, format, up)?;
-            exported.notes(to, scene, format).iter().for_each(|note| printer.warning(note));
-            return Ok(exported.gaussians);
+            exported = export_scene(to, scene, format, up)?;
         }
     }
-    Ok(scene.source_len() as u64)
+    exported.notes(to, scene, format).iter().for_each(|note| printer.warning(note));
+    Ok(exported.gaussians)
 }
 
 /// Bytes of a file, or of those of a folder.
@@ -209,6 +196,7 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
             .into());
     }
     let mut scene = open_scene(&args.scene, printer)?.scene;
+    scene.near_plane = args.near.map_or(scene.near_plane, NearPlane);
     if args.pages {
         scene.order_background();
     }

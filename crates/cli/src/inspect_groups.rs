@@ -24,11 +24,12 @@ pub(super) struct GroupReport {
     expanded: u64,
     /// Gaussians that its instances have of their own.
     own: u64,
-    /// Bytes of template, offsets, instances and their own Gaussians in this file.
-    stored_bytes: u64,
+    /// Bytes of template, offsets, instances and their own Gaussians in this file; `None` for a file that does not say which are
+    /// whose.
+    stored_bytes: Option<u64>,
     flattened_ply_bytes: u64,
     /// The ratio flattened_ply_bytes / stored_bytes.
-    shrink: f64,
+    shrink: Option<f64>,
     /// Least bytes of this number of instances with offsets, own Gaussians included, for each way to pack the file.
     bound_bytes: ByPack<u64>,
     /// The ratio flattened_ply_bytes / bound_bytes: how much smaller the group can become.
@@ -91,12 +92,14 @@ fn group(
         of.map(|p| rows * p.bytes / p.rows).sum::<u64>()
     };
     let gaussians = u64::from(range.count);
-    let stored_bytes = bytes_of(gaussians, Purpose::Templates, false)
-        + bytes_of(records, Purpose::Offsets, false)
-        + bytes_of(of_group.count() as u64, Purpose::Offsets, true)
-        + bytes_of(own, Purpose::Own, false)
-        + scene.instance_bytes() * instances
-        + RANGE_BYTES;
+    let stored_bytes = parts.iter().any(|part| part.purpose == Purpose::Templates).then(|| {
+        bytes_of(gaussians, Purpose::Templates, false)
+            + bytes_of(records, Purpose::Offsets, false)
+            + bytes_of(of_group.count() as u64, Purpose::Offsets, true)
+            + bytes_of(own, Purpose::Own, false)
+            + scene.instance_bytes() * instances
+            + RANGE_BYTES
+    });
     let expanded = gaussians * instances + expanded_own;
     let flattened_ply_bytes = expanded * ply::row_bytes(scene.sh_degree());
     let bound_bytes = bound_bytes(gaussians, instances, own, scene.templates.sh_degree);
@@ -111,7 +114,7 @@ fn group(
         own,
         stored_bytes,
         flattened_ply_bytes,
-        shrink: times(stored_bytes),
+        shrink: stored_bytes.map(times),
         bound_bytes,
         bound: ByPack { f32: times(bound_bytes.f32), f16: times(bound_bytes.f16), q8: times(bound_bytes.q8) },
     }
@@ -142,7 +145,7 @@ pub(super) fn groups_table(groups: &[GroupReport]) -> Table {
             grouped(group.instances_with_offsets),
             grouped(group.own),
             grouped(group.flattened_ply_bytes),
-            cell(group.stored_bytes, group.shrink),
+            group.stored_bytes.zip(group.shrink).map_or("-".into(), |(bytes, times)| cell(bytes, times)),
             cell(group.bound_bytes.f32, group.bound.f32),
             cell(group.bound_bytes.f16, group.bound.f16),
             cell(group.bound_bytes.q8, group.bound.q8),
@@ -184,7 +187,7 @@ mod tests {
                 let bytes = packed_scene_file_bytes(&scene, pack, path)?;
                 let parts = tensor_parts(&bytes, path)?;
                 let sums = FileSums::of(&parts);
-                let stored: u64 = groups(&scene, &parts).iter().map(|g| g.stored_bytes).sum();
+                let stored: u64 = groups(&scene, &parts).iter().filter_map(|g| g.stored_bytes).sum();
                 assert_eq!(stored + sums.background + sums.header + sums.foreign, bytes.len() as u64, "{pack:?}");
             }
         }
@@ -192,10 +195,13 @@ mod tests {
         let scene = sample_scene();
         let parts = tensor_parts(&packed_scene_file_bytes(&scene, Pack::Small, path)?, path)?;
         let sums = FileSums::of(&parts);
-        let stored: u64 = groups(&scene, &parts).iter().map(|g| g.stored_bytes).sum();
+        let stored: u64 = groups(&scene, &parts).iter().filter_map(|g| g.stored_bytes).sum();
         let all = sums.templates + sums.offsets + sums.instances + sums.template_ranges;
         assert!(stored <= all && all - stored <= 5 * scene.template_ranges.len() as u64, "{stored} {all}");
         assert!(sums.background > 0 && sums.templates > 0);
+        // Other formats, such as .glb, do not say which bytes are whose.
+        let whole = FilePart { name: "all".into(), layout: None, bytes: 9_999, rows: 0, purpose: Purpose::Background };
+        assert!(groups(&scene, &[whole]).iter().all(|g| (g.stored_bytes, g.shrink) == (None, None)));
         Ok(())
     }
 
@@ -208,7 +214,7 @@ mod tests {
         let parts = tensor_parts(&packed_scene_file_bytes(&scene, Pack::F32, path)?, path)?;
         // SH 2 in f32: rows of 152 bytes; 3 records of 28, two instances and a range.
         let group = &groups(&scene, &parts)[0];
-        assert_eq!(group.stored_bytes, 3 * 152 + 3 * 28 + 2 * 56 + 8);
+        assert_eq!(group.stored_bytes, Some(3 * 152 + 3 * 28 + 2 * 56 + 8));
         assert_eq!((group.instances_with_offsets, group.expanded), (2, 6));
         Ok(())
     }

@@ -118,9 +118,7 @@ fn cameras(data: &Path, args: &JoinArgs, printer: &Printer) -> Result<Vec<Camera
 fn is_begun(run: &Path, scene: &InstancedScene) -> Result<bool, IoError> {
     let folder = RunFolder::new(run);
     if folder.initial_scene().is_file() && !folder.plain_cloud_run().path().exists() {
-        // By what is drawn where: an empty cloud has no SH degree in a file.
-        let begun = load_scene(&folder.initial_scene())?.scene;
-        if begun.instances == scene.instances && begun.flatten().means == scene.flatten().means {
+        if load_scene(&folder.initial_scene())?.scene.shows_the_same(scene) {
             return Ok(true);
         }
     }

@@ -9,7 +9,7 @@ use instgs_console::args::open_scene;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
-use instgs_io::{ExportFormat, IoError, export_scene};
+use instgs_io::{ExportFormat, IoError, export_scene, packing_lost};
 use instgs_levels::{FitOptions, LevelReport, fit_template};
 use instgs_vk::scene::lod::{FittedLevel, merged_levels, template_print};
 use instgs_vk::scene::trajectory::Orbit;
@@ -102,8 +102,10 @@ pub(super) fn run(args: &LevelsArgs, device_args: &DeviceArgs, printer: &Printer
     }
     drop(progress);
     device::check_validation(&gpu)?;
+    // The file may be the scene's own.
+    let lost = packing_lost(&args.scene).filter(|_| matches!(format, ExportFormat::Instgs(_)));
     let exported = export_scene(&args.out, &scene, format, Orbit::around(&scene, None).up)?;
-    exported.notes(&args.out, &scene, format).iter().for_each(|note| printer.warning(note));
+    exported.notes(&args.out, &scene, format).iter().chain(&lost).for_each(|note| printer.warning(note));
     let report = Report {
         scene: args.scene.display().to_string(),
         out: args.out.display().to_string(),

@@ -29,6 +29,7 @@ mod programs;
 pub mod progress_lines;
 mod prune;
 mod render;
+mod run_beside;
 mod run_name;
 mod shell_files;
 mod split;
@@ -145,10 +146,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<ExitCode, CliError> {
         // The only one with an exit code of its own: the player's.
         Command::View(args) => return view::run(args, &cli.device),
         Command::Config(args) => config::run(args, printer),
-        Command::Completions(args) => {
-            shell_files::completions(args, Cli::command(), printer);
-            Ok(())
-        }
+        Command::Completions(args) => shell_files::completions(args, Cli::command(), printer),
         Command::Man(args) => shell_files::man(args, Cli::command(), printer),
     };
     done.map(|()| ExitCode::from(SUCCESS))

@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use instgs_console::args::open_scene;
+use instgs_console::args::{open_scene, parse_near};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
-use instgs_io::{ExportFormat, Split, export_scene, read_views};
+use instgs_io::{ExportFormat, Split, export_scene, packing_lost, read_views};
 use instgs_train::pruning::{picture_psnr, prune};
-use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Camera, NearPlane};
 
 /// Removes the Gaussians that pictures show least of: the scene gets smaller and draws faster. Each is judged by its weight in the
 /// pixels of a data set's training views, in every instance on its own; photos are not read, only cameras.
@@ -29,6 +29,10 @@ pub(super) struct PruneArgs {
     /// Part of the Gaussians that is kept, of those that are drawn: instances expanded
     #[arg(long, value_name = "PART", value_parser = parse_part)]
     keep: f64,
+    /// Depth of the near plane, scene units: what a scene was trained with that does not say so [default: the scene's, which is 0.2
+    /// unless it was trained with another]
+    #[arg(long, value_name = "Z", value_parser = parse_near)]
+    near: Option<f32>,
     /// File to write: .instgs, or .ply, .spz or .sog if the scene has no instances
     #[arg(long, value_name = "S2")]
     out: PathBuf,
@@ -60,7 +64,8 @@ struct Report {
 
 pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let format = ExportFormat::of(&args.out, None)?;
-    let scene = open_scene(&args.scene, printer)?.scene;
+    let mut scene = open_scene(&args.scene, printer)?.scene;
+    scene.near_plane = args.near.map_or(scene.near_plane, NearPlane);
     let is_kept_as_it_is = matches!(format, ExportFormat::Instgs(_))
         || scene.instances.is_empty() && matches!(format, ExportFormat::Ply | ExportFormat::Spz | ExportFormat::Sog);
     if !is_kept_as_it_is {
@@ -79,8 +84,10 @@ pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer)
     let picture_psnr = picture_psnr(&gpu, [&scene, &pruned.scene], &cameras)?;
     device::check_validation(&gpu)?;
     let up = Orbit::around(&scene, None).up;
+    // The file may be the scene's own.
+    let lost = packing_lost(&args.scene).filter(|_| matches!(format, ExportFormat::Instgs(_)));
     let exported = export_scene(&args.out, &pruned.scene, format, up)?;
-    exported.notes(&args.out, &pruned.scene, format).iter().for_each(|note| printer.warning(note));
+    exported.notes(&args.out, &pruned.scene, format).iter().chain(&lost).for_each(|note| printer.warning(note));
     let report = Report {
         scene: args.scene.display().to_string(),
         out: args.out.display().to_string(),

@@ -39,7 +39,7 @@ pub(super) struct ManArgs {
     folder: PathBuf,
 }
 
-pub(super) fn completions(args: &CompletionsArgs, command: Command, printer: &Printer) {
+pub(super) fn completions(args: &CompletionsArgs, command: Command, printer: &Printer) -> Result<(), CliError> {
     let shell = match args.shell {
         ShellArg::Bash => Shell::Bash,
         ShellArg::Zsh => Shell::Zsh,
@@ -49,7 +49,7 @@ pub(super) fn completions(args: &CompletionsArgs, command: Command, printer: &Pr
     let name = command.get_name().to_owned();
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut command, name.clone(), &mut script);
-    printer.file(one_spelling(&name, &String::from_utf8_lossy(&script)).as_bytes());
+    printer.file(one_spelling(&name, &String::from_utf8_lossy(&script)).as_bytes())
 }
 
 /// clap_complete 4.6.11 spells a "-" of the program's name in two ways in its script for bash, which then finds no flags.

@@ -172,10 +172,14 @@ impl TrainArgs {
         }
     }
 
-    /// Refuses a folder given by `--out` that holds a run, unless that is to be resumed.
-    fn check_folder(&self) -> Result<(), CliError> {
+    /// Refuses a folder given by `--out` that holds a run, unless that is to be resumed; warns if there is none to resume.
+    fn check_folder(&self, printer: &Printer) -> Result<(), CliError> {
         match &self.out {
             Some(out) if !self.resume => Ok(RunFolder::new(out).expect_no_run()?),
+            Some(out) if RunFolder::new(out).trace_of_run().is_none() => {
+                printer.warning(format_args!("{} holds no run to resume: a new one begins", out.display()));
+                Ok(())
+            }
             _ => Ok(()),
         }
     }
@@ -183,7 +187,10 @@ impl TrainArgs {
 
 pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let (config, data) = (args.resolved()?, args.data());
-    args.check_folder()?;
+    args.check_folder(printer)?;
+    if args.steps.is_some() && config.train.method == Method::Instanced && config.train.init_scene.is_some() {
+        printer.warning("--steps are those of the plain cloud, which is given (--init): only --joint-steps are done");
+    }
     let job = |out| PipelineJob {
         data: data.into(),
         out,
@@ -204,6 +211,8 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
         Some(out) => out.clone(),
         None => run_name::claim(data)?,
     });
+    // Before a lock is put there.
+    job.check_folders()?;
     if args.out.is_none() {
         printer.line(format_args!("the run folder is {}", job.out.display()));
     }

@@ -14,7 +14,7 @@ use instgs_vk::gpu::Gpu;
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{Camera, DevicePrecision, InstancedScene, PixelFilterChoice};
+use instgs_vk::scene::{Camera, DevicePrecision, InstancedScene, NearPlane, PixelFilterChoice};
 
 /// Picture size of `--orbit` without `--size`.
 const ORBIT_SIZE: (u32, u32) = (1280, 720);
@@ -173,7 +173,7 @@ pub struct LookArgs {
     /// Background colour, three sRGB values from 0 to 1 [default: 0,0,0]
     #[arg(long, value_name = "R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
     background: Option<Triple>,
-    /// Depth of the near plane, scene units [default: 0.2]
+    /// Depth of the near plane, scene units [default: the scene's, which is 0.2 unless it was trained with another]
     #[arg(long, value_name = "Z", value_parser = parse_near)]
     near: Option<f32>,
     /// Opacity compensation for small splats; --antialias=false turns it off [default: the scene's setting]
@@ -277,11 +277,16 @@ impl LookArgs {
         PixelFilterChoice { dilation_px2: self.dilation, antialias: self.antialias }
     }
 
+    /// The near plane, if the flags name one.
+    pub fn near_plane(&self) -> Option<NearPlane> {
+        self.near.map(NearPlane)
+    }
+
     /// The options for a scene: the flags, else the scene's own, else the defaults.
     pub fn options(&self, scene: &InstancedScene) -> RenderOptions {
         let default = RenderOptions::default();
         RenderOptions {
-            near: self.near.unwrap_or(default.near),
+            near: self.near_plane().unwrap_or(scene.near_plane).0,
             background: self.background.map_or(default.background, |b| b.0),
             lod_error_px: default.lod_error_px,
             max_chunks: self.max_chunks,
@@ -354,7 +359,8 @@ pub fn parse_up(text: &str) -> Result<Triple, String> {
     if up.0 == [0.0; 3] { Err("a vector of length 0 has no direction".into()) } else { Ok(up) }
 }
 
-fn parse_near(text: &str) -> Result<f32, String> {
+/// Parses the depth of a near plane, scene units.
+pub fn parse_near(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0).ok_or_else(|| "want a number >= 0".into())
 }
 

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::fmt::Display;
-use std::io::{IsTerminal, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -11,6 +11,17 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::CliError;
 use instgs_io::{IoError, atomic_write};
+
+/// Writes bytes that are worthless unless they are whole.
+fn to_stdout(bytes: &[u8]) -> Result<(), CliError> {
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(bytes).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(CliError::msg(format!("cannot write all of the output ({error}): make room, or write it elsewhere")))
+        }
+        _ => Ok(()),
+    }
+}
 
 /// Number of progress lines of a task with many steps, without a terminal.
 const PROGRESS_LINES: u64 = 10;
@@ -38,14 +49,19 @@ impl Printer {
     }
 
     /// Writes the bytes of a file to stdout, as they are: a script for a shell, which may hold tabs.
-    pub fn file(&self, bytes: &[u8]) {
-        let _ = std::io::stdout().lock().write_all(bytes);
+    ///
+    /// # Errors
+    /// Not all of it can be written.
+    pub fn file(&self, bytes: &[u8]) -> Result<(), CliError> {
+        to_stdout(bytes)
     }
 
     /// Writes the JSON report to stdout.
+    ///
+    /// # Errors
+    /// Not all of it can be written, or the report is none of JSON's values.
     pub fn json(&self, report: &impl serde::Serialize) -> Result<(), CliError> {
-        let _ = std::io::stdout().lock().write_all(&json_bytes(report)?);
-        Ok(())
+        to_stdout(&json_bytes(report)?)
     }
 
     /// Writes the JSON report to a file.

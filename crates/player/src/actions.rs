@@ -77,5 +77,9 @@ pub(super) enum Action {
     Save,
     Open(PathBuf),
     /// Writes a file, in the format that its extension names.
-    Write(PathBuf),
+    Write {
+        to: PathBuf,
+        /// True if the user has agreed that a file which is there already is replaced.
+        may_replace: bool,
+    },
 }

@@ -4,7 +4,7 @@
 //! window.rs             winit's events, one frame after another, only while something changes
 //!   controls.rs         mouse and keyboard -> camera motion        (independent of the window system)
 //!   navigation.rs       the camera's pose and motion               (pure)
-//!   window/opening.rs   devices and scenes; input.rs events; keeping.rs files; playing.rs scripts
+//!   window/opening.rs   devices and scenes; input.rs events; keeping.rs files; leaving.rs questions; playing.rs scripts
 //!   window/editing.rs   drags and panel actions -> edits; key_steps.rs keys
 //!   editor.rs           selection, edits, undo history             (pure; scene::edit); steps.rs undo steps
 //!   gizmo.rs            arrows, rings and circle on the selection  (pure)

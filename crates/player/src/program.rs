@@ -27,7 +27,7 @@ use instgs_vk::render::FrameStats;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};
 
-/// Shows a scene in a window: orbit or fly through it, edit it, view depth, instances and rendering cost. H lists the
+/// Shows a scene in a window: orbit or fly through it, edit it, view depth, instances and rendering cost. F1 lists the
 /// keys.
 #[derive(Parser)]
 #[command(
@@ -42,7 +42,8 @@ Editing: click an object to select it (Shift: add, G: all of the same template);
 scale it, no handles; Esc: cancel the drag; Ctrl+D, Delete, Ctrl+H: duplicate, delete, hide it; Ctrl+Shift+H: show all;\n\
 Ctrl+Z, Ctrl+Y, Ctrl+S: undo, redo, save. The panel has numbers, colours, scattering, crop and eraser.\n\n\
 Boxes: B, then click an object to draw a box around it; drag its dots until it fits; F: find all objects like it (O: in\n\
-other sizes too); Shift+click: remove a wrong one; Ctrl+S: save boxes.json, for instgs-vk masks and train --boxes."
+other sizes too); Shift+click: remove a wrong one; Ctrl+S: save SCENE.boxes.json, for instgs-vk masks and\n\
+train --boxes."
 )]
 struct PlayerArgs {
     /// Scene file: .instgs, .ply, .spz, .sog, .splat or .glb; another can be dropped on the window
@@ -280,6 +281,7 @@ fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]
         scene: opened,
         options,
         pixel_filter: args.look.pixel_filter(),
+        near_plane: args.look.near_plane(),
         cameras: cameras.to_vec(),
         up: args.up.map(Triple::direction),
         size_px: args.size,
@@ -369,4 +371,18 @@ fn print(args: &PlayerArgs, played: &Played, printer: &Printer) -> Result<(), Cl
         printer.line(path.display());
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_help_names_the_key_and_the_file_that_there_are() {
+        let help = PlayerArgs::command().render_long_help().to_string();
+        let words = help.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(words.contains("F1 lists the keys") && words.contains("save SCENE.boxes.json,"), "{words}");
+    }
 }

@@ -1,11 +1,15 @@
 //! All texts of the window, in one place so that they can be translated. Errors of files and of the device come from the crates
-//! that find them; names of keys are in `KEYS`.
+//! that find them; keys are in `keys.rs`.
+
+mod keys;
 
 use std::path::Path;
 
 use super::swapchain::PresentMode;
 use super::views::View;
 use instgs_vk::render::Show;
+
+pub(crate) use keys::KEYS;
 
 /// Titles of panels.
 pub(super) const SCENE: &str = "Scene";
@@ -319,6 +323,7 @@ pub(super) const SAVE: &str = "Save";
 /// Work beside the picture.
 pub(super) const CANCELLED: &str = "cancelled";
 pub(super) const CANNOT_WRITE: &str = "cannot write";
+pub(super) const CANNOT_REMOVE: &str = "cannot remove";
 pub(super) const WRITER_BROKE: &str = "the thread that writes the file has failed";
 pub(super) const READER_BROKE: &str = "the thread that reads the file has failed";
 
@@ -348,6 +353,20 @@ pub(super) fn saved(to: &Path) -> String {
 
 pub(super) fn exported(to: &Path) -> String {
     format!("exported to {}", to.display())
+}
+
+/// What was done, with the first note about it and the number of further ones.
+pub(super) fn with_notes(done: String, notes: &[String]) -> String {
+    match notes {
+        [] => done,
+        [note] => format!("{done}; {note}"),
+        [note, rest @ ..] => format!("{done}; {note} (and {} more)", rest.len()),
+    }
+}
+
+/// A page does not begin at a training camera.
+pub(super) fn page_without_cameras(error: &dyn std::fmt::Display) -> String {
+    format!("{error}: the page begins with the whole scene")
 }
 
 pub(super) fn no_ffmpeg(count: usize, folder: &Path) -> String {
@@ -390,6 +409,11 @@ pub(super) fn open_again(file: &str) -> String {
     format!("open {file} again to open it without saving")
 }
 
+/// Question before a file is replaced.
+pub(super) fn replace_again(file: &Path) -> String {
+    format!("{} is there already: save again to replace it", file.display())
+}
+
 /// Cameras.
 pub(super) const RECORDING: &str = "recording the camera path: P stops";
 pub(super) const NO_CAMERAS_TO_STEP: &str =
@@ -405,6 +429,11 @@ pub(super) fn camera_of(number: usize, count: usize, name: &str) -> String {
 
 pub(super) fn camera_saved(number: usize, path: &Path) -> String {
     format!("camera {number} saved to {}", path.display())
+}
+
+/// A scene was saved where cameras were kept before.
+pub(super) fn cameras_are_of(path: &Path) -> String {
+    format!("the kept cameras are now those of {}", path.display())
 }
 
 pub(super) fn not_overwritten(error: &dyn std::fmt::Display) -> String {
@@ -529,69 +558,6 @@ pub(super) fn edit_name(name: &str) -> &str {
         other => other,
     }
 }
-
-/// A section of the Help panel: its heading, and what each key or movement of the mouse does.
-pub(super) type KeySection = (&'static str, &'static [(&'static str, &'static str)]);
-
-/// Keys and mouse by purpose, for the Help panel: two columns of sections.
-pub(super) const KEYS: [[KeySection; 3]; 2] = [
-    [
-        (
-            "Camera",
-            &[
-                ("left drag", "orbit"),
-                ("right drag", "look around"),
-                ("middle or Shift+drag", "pan"),
-                ("wheel", "zoom at the pointer"),
-                ("double click", "orbit around that point"),
-                ("W A S D, E Q", "fly; up, down; Shift: faster"),
-                ("[  ]", "fly slower, faster"),
-                ("R, F", "first view; frame the selection"),
-                ("Page Up, Page Down", "cameras of the data set"),
-                ("C, V", "keep this camera; next kept camera"),
-                ("P", "record a camera path; P stops"),
-                ("K", "compare: as opened, and now"),
-            ],
-        ),
-        (
-            "Boxes around objects",
-            &[
-                ("B, click", "mark an object with a box"),
-                ("F, O", "find all like it; in other sizes too"),
-                ("Shift+click", "remove a box"),
-            ],
-        ),
-        ("Size of panels", &[("Ctrl + and -", "larger, smaller; Ctrl 0: as it was")]),
-    ],
-    [
-        (
-            "Objects",
-            &[
-                ("click, Shift+click", "select; add or remove one"),
-                ("Ctrl+A, Ctrl+I, G", "all; the others; same template"),
-                ("M  T  X  N", "move, rotate, scale, no handles"),
-                ("arrows, Home, End", "move; Shift: a tenth as far"),
-                (",  .    +  -", "rotate; larger, smaller"),
-                ("Ctrl+D, Delete", "duplicate; delete"),
-                ("Ctrl+H, Ctrl+Shift+H", "hide; show all"),
-                ("L, Ctrl+L", "lock; unlock all"),
-                ("Ctrl+Z, Ctrl+Y", "undo; redo"),
-                ("Esc", "cancel, clear the selection, quit"),
-            ],
-        ),
-        (
-            "Files and panels",
-            &[
-                ("Ctrl+O, Ctrl+S", "open; save"),
-                ("Ctrl+Shift+S", "save as, export"),
-                ("F1 to F7", "help and the other panels"),
-                ("H, F11, F12", "hide all panels; full screen; picture"),
-                ("Tab, Space, Enter", "step through panels; press"),
-            ],
-        ),
-        ("Show", &[("1 to 9", "colour, coverage, depth, instances, ...")]),
-    ],
-];
 
 #[cfg(test)]
 mod tests;

@@ -13,7 +13,7 @@ use crate::swapchain::{Pixels, PresentMode, Target};
 use crate::ui_painter::UiFrame;
 use instgs_console::opened::{OpenedScene, SceneMemory};
 use instgs_vk::gpu::DeviceChoice;
-use instgs_vk::scene::{Boxes, Camera, PixelFilterChoice};
+use instgs_vk::scene::{Boxes, Camera, NearPlane, PixelFilterChoice};
 
 use super::error::PlayerError;
 use super::headless::Timings;
@@ -55,10 +55,13 @@ pub struct WindowJob {
     pub path: PathBuf,
     /// The scene; `None` to read `path` beside the first frames.
     pub scene: Option<OpenedScene>,
-    /// How frames are rendered. What depends on the scene, the pixel filter and the range of depths, is set when it is there.
+    /// How frames are rendered. What depends on the scene, its near plane, its pixel filter and the range of depths, is set when it
+    /// is there.
     pub options: ViewerOptions,
     /// What the user asks of the pixel filter; the rest is each scene's own.
     pub pixel_filter: PixelFilterChoice,
+    /// The near plane, if it is not to be each scene's own.
+    pub near_plane: Option<NearPlane>,
     /// Views of a data set to step through; the first is the start camera. May be empty.
     pub cameras: Vec<Camera>,
     /// The scene's up axis, if the user gives it.

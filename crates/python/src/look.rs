@@ -24,7 +24,7 @@ impl Look {
         let default = RenderOptions::default();
         let filter = PixelFilterChoice { dilation_px2: self.dilation, antialias: self.antialias };
         RenderOptions {
-            near: self.near.unwrap_or(default.near),
+            near: self.near.unwrap_or(scene.near_plane.0),
             background: self.background.unwrap_or(default.background),
             lod_error_px: self.lod.unwrap_or(default.lod_error_px),
             ..default

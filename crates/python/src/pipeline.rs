@@ -77,6 +77,7 @@ impl Pipeline {
     ) -> PyResult<Self> {
         let config = resolved(&out, Some("instgs"), config, set.as_ref(), resume)?;
         let job = PipelineJob { data, out, config, resume, accept_changed_data: false };
+        job.check_folders().or_raise()?;
         if !resume && let Some(found) = job.folder().trace_of_segments() {
             let error = IoError::new(&job.out, format!("holds segments or a run already ({found})"));
             return Err(raised(error.advise("go on with resume=True, or choose another folder")));

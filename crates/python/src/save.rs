@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use instgs_io::small::{SmallOptions, SmallPlan};
-use instgs_io::{ExportFormat, Pack, PageOptions, export_scene, write_page, write_planned_scene_file};
+use instgs_io::{ExportFormat, ExportedScene, Pack, PageOptions, export_scene, write_page, write_planned_scene_file};
 use instgs_train::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
@@ -70,7 +70,12 @@ pub(crate) fn save(
             Ok(())
         };
         py.detach(write).or_raise()?;
-        return check_validation(&gpu);
+        check_validation(&gpu)?;
+        let notes = ExportedScene::default().notes(to, scene, format);
+        return notes.into_iter().try_for_each(|note| warn(py, note));
+    }
+    if how.picture_psnr.is_some() {
+        return Err(raised("picture_psnr is that of a data set's views: give its folder as data"));
     }
     let exported = py.detach(|| export_scene(to, scene, format, Orbit::around(scene, how.up).up)).or_raise()?;
     exported.notes(to, scene, format).into_iter().try_for_each(|note| warn(py, note))

@@ -80,8 +80,9 @@ pub(crate) fn train(
     // Before anything is written: a folder without cameras should not leave an empty run.
     let dataset = py.detach(|| read_views(&data)).or_raise()?;
     unused_masks(&data, &config.train, &dataset.views).iter().try_for_each(|note| warn(py, note))?;
-    let gpu = open_device(py, device)?;
     let job = PipelineJob { data, out, config, resume, accept_changed_data };
+    job.check_folders().or_raise()?;
+    let gpu = open_device(py, device)?;
     let report = beside(py, job.out.clone(), on_event.as_ref(), |teller| run(&gpu, &job, teller))?;
     check_validation(&gpu)?;
     Trained::of_run(py, job.out, &report)

@@ -100,6 +100,10 @@ def test_the_stages_give_what_a_whole_run_gives(data, cloud, segmented, tmp_path
         instgs.Pipeline(data, pipeline.folder)
     again = instgs.Pipeline(data, pipeline.folder, resume=True)
     assert np.array_equal(again.segment(segments.cloud).labels, segments.labels)
+    other = merged.scene.copy()
+    other.edit("move", 0, by=(1, 0, 0))
+    with pytest.raises(instgs.Error, match="began with another scene"):
+        again.joint(other)
 
 
 def test_objects_are_registered_without_groups(data, cloud, segmented, tmp_path):

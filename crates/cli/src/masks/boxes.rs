@@ -50,9 +50,8 @@ pub(super) fn make(
         return Err(error.advise("a view has the name of its photo, with or without the ending").into());
     }
     let scene = open_scene(scene, printer)?.scene;
-    let pixel_filter = scene.pixel_filter;
-    let render = RenderOptions::default().filtered(pixel_filter);
-    let cloud = InstancedScene { pixel_filter, ..InstancedScene::from_cloud(scene.flatten()) };
+    let render = RenderOptions::of(&scene);
+    let cloud = InstancedScene::from_cloud(scene.flatten());
     let options =
         BoxOptions { leave_out_support: !args.keep_support, width: args.width, render, ..BoxOptions::default() };
     let gpu = device::open(device_args.choice())?;

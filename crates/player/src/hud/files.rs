@@ -53,8 +53,8 @@ impl FilePanel {
             }
         });
         panel(ctx, texts::SAVE_AS, Place::of(ctx, Align2::CENTER_TOP), &mut saves, |ui| {
-            if let Some(path) = self.saving(ui) {
-                actions.push(Action::Write(path));
+            if let Some(to) = self.saving(ui) {
+                actions.push(Action::Write { to, may_replace: false });
                 panels.save_as = false;
             }
         });
@@ -120,8 +120,9 @@ impl FilePanel {
             Err(TryRecvError::Disconnected) => None,
         };
         match path {
-            Some(path) if *saves => {
-                actions.push(Action::Write(path));
+            Some(to) if *saves => {
+                // The system's dialog asks itself before it gives a file that is there already.
+                actions.push(Action::Write { to, may_replace: true });
                 panels.save_as = false;
             }
             Some(path) => {

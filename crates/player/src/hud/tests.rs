@@ -32,10 +32,18 @@ impl Desk {
 
     /// Lays out a few frames, in which panels settle, and returns the shapes of the last.
     fn settled(&mut self) -> Vec<egui::epaint::ClippedShape> {
-        let mut shapes = Vec::new();
-        for k in 0..6 {
+        let (shapes, actions) = self.frames(vec![Vec::new(); 6]);
+        assert_eq!(actions, []);
+        shapes
+    }
+
+    /// Lays out frames with these events, and returns the shapes of the last and the actions of all.
+    fn frames(&mut self, frames: Vec<Vec<egui::Event>>) -> (Vec<egui::epaint::ClippedShape>, Vec<Action>) {
+        let (mut shapes, mut actions) = (Vec::new(), Vec::new());
+        for (k, events) in frames.into_iter().enumerate() {
             let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, self.size));
-            let input = egui::RawInput { screen_rect, time: Some(0.5 * f64::from(k)), ..egui::RawInput::default() };
+            let time = Some(0.5 * k as f64);
+            let input = egui::RawInput { screen_rect, events, time, ..egui::RawInput::default() };
             let Self { ctx, hud, scene, editor, navigator, .. } = self;
             let (clock, stats, mut resolution) = (FrameClock::default(), FrameStats::default(), Resolution::default());
             let (mut show, mut background, mut lod, mut occlusion) = (Show::Color, [0.0; 3], 0.0, false);
@@ -75,11 +83,11 @@ impl Desk {
                     lod_error_px: &mut lod,
                     occlusion: &mut occlusion,
                 };
-                assert_eq!(hud.lay_out(ctx, &facts, settings), []);
+                actions.extend(hud.lay_out(ctx, &facts, settings));
             });
             shapes = output.shapes;
         }
-        shapes
+        (shapes, actions)
     }
 }
 
@@ -181,6 +189,19 @@ fn panels_stay_inside_small_windows() {
         let above = areas.iter().filter(is_seen).filter(|rect| rect.top() < BAR - 1.0).count();
         assert!(above <= 1, "{panel:?}: {areas:?}");
     }
+}
+
+/// A path that is typed leaves the question whether a file may be replaced to the window.
+#[test]
+fn a_typed_path_replaces_nothing_unasked() {
+    let mut desk = Desk::new(vec2(1280.0, 720.0));
+    desk.hud.panels.save_as = true;
+    let (key, modifiers) = (egui::Key::Enter, egui::Modifiers::NONE);
+    let enter = egui::Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers };
+    let (_, actions) = desk.frames(vec![Vec::new(), Vec::new(), Vec::new(), vec![enter], Vec::new()]);
+    let to = "/scenes/room.instgs".into();
+    assert_eq!(actions, [Action::Write { to, may_replace: false }]);
+    assert!(!desk.hud.panels.save_as);
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// Files without texts of the window: texts themselves, the command line with the errors that it shares with the window, and the
 /// language of scripts.
-const OTHER: [&str; 5] = ["texts.rs", "program.rs", "main.rs", "error.rs", "script.rs"];
+const OTHER: [&str; 6] = ["texts.rs", "keys.rs", "program.rs", "main.rs", "error.rs", "script.rs"];
 /// What stands before a literal that nobody reads: ids of widgets, endings and names of files, parts of other texts' errors.
 const BEFORE: [&str; 23] = [
     "with(",

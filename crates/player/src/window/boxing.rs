@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use winit::keyboard::KeyCode;
 
 use super::Live;
+use super::leaving::is_same_file;
 use crate::box_handles::{BoxDrag, BoxHandles, BoxPart, after, box_at_edge};
 use crate::boxes::BoxList;
 use crate::error::PlayerError;
@@ -161,7 +162,7 @@ impl Live {
                 None => self.box_around(place),
             },
         }
-        self.input.warned = None;
+        self.input.asked = None;
         Ok(())
     }
 
@@ -259,6 +260,16 @@ impl Live {
         self.input.boxing.file.clone().unwrap_or_else(free)
     }
 
+    /// Saves the boxes to the file that the user has named; asks first if that replaces a file other than their own.
+    fn ask_and_save_boxes(&mut self, path: &Path) {
+        let is_own = self.input.boxing.file.as_deref().is_some_and(|own| is_same_file(own, path));
+        // Without boxes nothing is written.
+        let is_empty = self.input.boxing.list.boxes().is_empty();
+        if !self.asks_to_replace(path, is_own || is_empty) {
+            self.save_boxes(path);
+        }
+    }
+
     /// Saves the boxes to a file.
     pub(super) fn save_boxes(&mut self, path: &Path) {
         self.box_let_go();
@@ -307,7 +318,10 @@ impl Live {
     /// Carries out the panel's actions.
     pub(super) fn act_on_boxes(&mut self, actions: Vec<BoxAction>) -> Result<(), PlayerError> {
         for action in actions {
-            self.input.warned = None;
+            // Saving may answer the question that is displayed; the others withdraw it.
+            if !matches!(action, BoxAction::Save(_)) {
+                self.input.asked = None;
+            }
             let list = &mut self.input.boxing.list;
             match action {
                 BoxAction::Change(object) => list.change(object),
@@ -328,7 +342,7 @@ impl Live {
                 BoxAction::CancelSearch => self.stop_search(),
                 BoxAction::OtherSizes(other_sizes) => self.look_for_other_sizes(other_sizes),
                 BoxAction::Mode(mode) => self.input.editing.mode = mode,
-                BoxAction::Save(path) => self.save_boxes(&path),
+                BoxAction::Save(path) => self.ask_and_save_boxes(&path),
                 BoxAction::Leave => self.toggle_boxes()?,
             }
         }

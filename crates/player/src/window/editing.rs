@@ -241,6 +241,10 @@ impl Live {
     /// Carries out the panel's actions.
     pub(super) fn act(&mut self, actions: Vec<Action>) -> Result<(), PlayerError> {
         for action in actions {
+            // These two may answer the question that is displayed; the others withdraw it.
+            if !matches!(action, Action::Open(_) | Action::Write { .. }) {
+                self.input.asked = None;
+            }
             match action {
                 Action::Edit(edit) => {
                     let done = self.session.viewer.edit(&edit);
@@ -275,9 +279,13 @@ impl Live {
                 Action::TogglePanel(panel) => self.toggle_panel(panel),
                 Action::Boxes => self.toggle_boxes()?,
                 Action::Split => self.toggle_split()?,
-                Action::Save => self.write_beside(&self.session.save_path()),
-                Action::Write(path) => self.write_beside(&path),
-                Action::Open(path) => self.ask_and_open(&path)?,
+                Action::Save => self.write_beside(&self.session.save_path(), false),
+                Action::Write { to, may_replace } => self.write_beside(&to, may_replace),
+                Action::Open(path) => {
+                    // The panel stays until the question is answered.
+                    let asks = !self.ask_and_open(&path);
+                    self.hud.panels.open |= asks;
+                }
                 Action::CancelWork => self.cancel_work(),
                 Action::Draw { take, size_px, frames } => self.draw_frames(take, size_px, frames),
                 Action::Frame
@@ -320,7 +328,7 @@ impl Live {
             Ok(outcome) => outcome.warnings.into_iter().next(),
             Err(error) => Some(error.notice()?),
         };
-        self.input.warned = None;
+        self.input.asked = None;
         Ok(())
     }
 
@@ -342,7 +350,7 @@ impl Live {
                     Ok(true)
                 }
                 KeyCode::KeyS => {
-                    self.write_beside(&self.session.save_path());
+                    self.write_beside(&self.session.save_path(), false);
                     Ok(true)
                 }
                 KeyCode::KeyO => {

@@ -75,7 +75,7 @@ impl Live {
                 }
             }
             WindowEvent::DroppedFile(path) => {
-                self.ask_and_open(path)?;
+                self.ask_and_open(path);
                 true
             }
             _ => false,
@@ -83,16 +83,16 @@ impl Live {
         Ok(if changed || response.repaint { After::Redraw } else { After::Nothing })
     }
 
-    /// Opens a file; if something is unsaved, asks first.
-    pub(super) fn ask_and_open(&mut self, path: &std::path::Path) -> Result<(), PlayerError> {
+    /// Opens a file; if something is unsaved, asks first. True if the file is read.
+    pub(super) fn ask_and_open(&mut self, path: &std::path::Path) -> bool {
         // The notice has the file's name, so that the second of two files dropped together does not count as the
         // confirmation.
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if self.asks_first(&texts::open_again(&name)) {
-            return Ok(());
+        let asks = self.asks_first(&texts::open_again(&name));
+        if !asks {
+            self.read_beside(path);
         }
-        self.read_beside(path);
-        Ok(())
+        !asks
     }
 
     fn button(&mut self, state: ElementState, button: MouseButton, consumed: bool) -> Result<bool, PlayerError> {
@@ -103,7 +103,10 @@ impl Live {
             _ => return Ok(false),
         };
         if state == ElementState::Pressed {
-            self.input.warned = None;
+            // A click in a panel may be the answer: its actions withdraw what they do not answer.
+            if !consumed {
+                self.input.asked = None;
+            }
             let grabbed = !consumed && button == Button::Left && self.grab()?;
             if !(consumed || grabbed) {
                 self.input.controls.pressed(button);
@@ -199,7 +202,8 @@ impl Live {
     fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
         self.input.controls.typed();
         self.hud.message = None;
-        self.input.warned.take_if(|_| code != KeyCode::Escape);
+        let (control, shift) = (self.input.controls.control, self.input.controls.shift);
+        self.input.asked.take_if(|asked| !asked.stays_at(code, control, shift));
         if self.edit_key(code)? {
             return Ok(After::Redraw);
         }

@@ -1,17 +1,19 @@
 //! Files beside the scene: cameras, camera paths, screenshots.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use super::Live;
+use super::leaving::is_same_file;
 use crate::actions::Action;
 use crate::error::PlayerError;
 use crate::hud::Hud;
 use crate::navigation::Navigator;
 use crate::recording::{PATH_FPS, Recording};
 use crate::texts;
-use instgs_io::{read_cameras, write_cameras};
+use instgs_io::{IoError, read_cameras, write_cameras};
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::edit::{Footprint, footprint, instance_centres};
 
@@ -35,7 +37,7 @@ impl Live {
             return Ok(());
         }
         let mut camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
-        camera.name = format!("{:03}", self.camera.kept.list.len());
+        camera.name = unused_name(&self.camera.kept.list);
         let thumbnail = self.thumbnail(&camera.name)?;
         self.hud.cameras.thumbnails.resize(self.camera.kept.list.len(), None);
         self.hud.cameras.thumbnails.push(thumbnail);
@@ -84,11 +86,20 @@ impl Live {
                     self.hud.cameras.thumbnails.remove(*k);
                 }
                 let path = cameras_path(&self.session.path);
-                self.hud.message = write_cameras(&path, &self.camera.kept.list).err().map(|error| error.to_string());
+                self.hud.message = write_kept(&path, &self.camera.kept.list).err().map(|error| error.to_string());
             }
             _ => {}
         }
         Ok(())
+    }
+
+    /// After the scene was saved to another file: takes the cameras that were kept for that file, if there are some, so that
+    /// keeping a camera adds to them. Returns a note for the user about it.
+    pub(super) fn take_kept_cameras(&mut self, to: &Path) -> Option<String> {
+        let list = cameras_kept_at(&self.session.path, to)?;
+        self.camera.kept = CameraList { list, at: None };
+        self.hud.cameras.thumbnails.clear();
+        Some(texts::cameras_are_of(&cameras_path(to)))
     }
 
     /// Moves the camera back or forth, and sideways, until the selection fills most of the view.
@@ -177,6 +188,30 @@ fn cameras_path(scene: &Path) -> PathBuf {
     scene.with_extension("cameras.json")
 }
 
+/// The first number that is no kept camera's name: pictures of cameras are named after them.
+fn unused_name(kept: &[Camera]) -> String {
+    let mut names = (0..).map(|k: u32| format!("{k:03}"));
+    names.find(|name| kept.iter().all(|camera| camera.name != *name)).unwrap_or_default()
+}
+
+/// Writes the kept cameras. Without any there is no file: one without a camera cannot be read.
+fn write_kept(path: &Path, kept: &[Camera]) -> Result<(), IoError> {
+    if !kept.is_empty() {
+        return write_cameras(path, kept);
+    }
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(IoError::os(path, texts::CANNOT_REMOVE, &error)),
+        _ => Ok(()),
+    }
+}
+
+/// The cameras that were kept for the scene at `to`, where a scene from another file is saved; `None` if there are none, or the
+/// same as for the file that it is from.
+fn cameras_kept_at(from: &Path, to: &Path) -> Option<Vec<Camera>> {
+    let path = cameras_path(to);
+    (path.exists() && !is_same_file(&path, &cameras_path(from))).then(|| kept_cameras(to))
+}
+
 /// Cameras that were kept earlier; none if there is no such file or it cannot be parsed.
 pub(super) fn kept_cameras(scene: &Path) -> Vec<Camera> {
     read_cameras(&cameras_path(scene)).unwrap_or_default()
@@ -184,7 +219,47 @@ pub(super) fn kept_cameras(scene: &Path) -> Vec<Camera> {
 
 #[cfg(test)]
 mod tests {
-    use super::stepped;
+    use super::*;
+
+    fn camera(name: &str) -> Camera {
+        Camera::look_at(name, DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z, 0.8, (160, 90))
+    }
+
+    #[test]
+    fn no_two_kept_cameras_have_one_name() {
+        let mut kept: Vec<Camera> = Vec::new();
+        for _ in 0..3 {
+            kept.push(camera(&unused_name(&kept)));
+        }
+        kept.remove(0);
+        kept.push(camera(&unused_name(&kept)));
+        kept.push(camera(&unused_name(&kept)));
+        let names: Vec<&str> = kept.iter().map(|camera| camera.name.as_str()).collect();
+        assert_eq!(names, ["001", "002", "000", "003"]);
+    }
+
+    /// The file without a camera would be taken for one that is not ours.
+    #[test]
+    fn the_last_camera_that_is_removed_takes_its_file_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.cameras.json");
+        write_kept(&path, &[camera("000")]).unwrap();
+        assert_eq!(read_cameras(&path).unwrap().len(), 1);
+        write_kept(&path, &[]).unwrap();
+        write_kept(&path, &[]).unwrap();
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn cameras_of_the_file_that_a_scene_is_saved_to_are_added_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        write_cameras(&at("a.cameras.json"), &[camera("000")]).unwrap();
+        write_cameras(&at("b.cameras.json"), &[camera("000"), camera("001")]).unwrap();
+        let count = |to: &str| cameras_kept_at(&at("a.ply"), &at(to)).map(|kept| kept.len());
+        assert_eq!(count("b.instgs"), Some(2));
+        assert_eq!((count("a.instgs"), count("c.instgs")), (None, None), "those of the window stay");
+    }
 
     #[test]
     fn back_and_forth_is_where_one_was() {

@@ -52,6 +52,7 @@ impl Live {
                 title,
                 file_bytes: 0,
                 memory: job.memory,
+                up: job.up,
                 has_scene: false,
                 reopened: None,
                 validation_message: None,
@@ -135,7 +136,7 @@ impl Live {
         let scene = opened.scene();
         let orbit = Orbit::around(scene, job.up.or_else(|| vertical_of(&self.camera.data_views.list)));
         self.camera.home = Navigator::around(&orbit);
-        let taken = || cameras_of_run(&self.session.path);
+        let taken = || cameras_of_run(&self.session.path).ok()?.into_iter().next();
         let (data, kept) = (self.camera.data_views.list.first(), self.camera.kept.list.first());
         if let Some(camera) = data.or(kept).cloned().or_else(taken) {
             let camera = &camera;
@@ -145,6 +146,7 @@ impl Live {
         self.camera.navigator = self.camera.home.clone();
         let mut options = self.session.viewer.options;
         options.render = options.render.filtered(job.pixel_filter.over(scene.pixel_filter));
+        options.render.near = job.near_plane.unwrap_or(scene.near_plane).0;
         if let Show::Depth(_) = options.show {
             options.show = View::Depth.show(orbit.distance);
         }
@@ -156,7 +158,7 @@ impl Live {
         self.stop_search();
         self.split = None;
         self.input.boxing = Boxing::default();
-        (self.camera.recording, self.pacing.refine_at, self.input.warned) = (None, None, None);
+        (self.camera.recording, self.pacing.refine_at, self.input.asked) = (None, None, None);
         self.session.file_bytes = opened.file_bytes();
         self.pacing.clock.clear();
         self.session.has_scene = false;
@@ -198,11 +200,13 @@ fn viewer_of(gpu: &Arc<Gpu>, job: &WindowJob) -> Result<SceneViewer, PlayerError
     Ok(viewer)
 }
 
-/// The first training camera of the run folder that a scene is in, if it is in one.
-fn cameras_of_run(scene: &Path) -> Option<Camera> {
+/// The training cameras of the run folder that a scene is in; none if it is in no such folder.
+///
+/// # Errors
+/// The file of the cameras cannot be read.
+pub(super) fn cameras_of_run(scene: &Path) -> Result<Vec<Camera>, IoError> {
     let file = scene.with_file_name("cameras.json");
-    let cameras = file.exists().then(|| read_cameras(&file).ok()).flatten()?;
-    cameras.into_iter().next()
+    if file.exists() { read_cameras(&file) } else { Ok(Vec::new()) }
 }
 
 /// Opens a device for a window, and makes its swapchain and the painter of the overlay.

@@ -10,6 +10,7 @@ use winit::window::Window;
 use super::boxing::Boxing;
 use super::editing::Editing;
 use super::keeping::CameraList;
+use super::leaving::Asked;
 use crate::clock::FrameClock;
 use crate::controls::Controls;
 use crate::error::PlayerError;
@@ -42,6 +43,8 @@ pub(super) struct Session {
     pub(super) file_bytes: u64,
     /// Host memory to read scenes with.
     pub(super) memory: SceneMemory,
+    /// The scene's up axis, if the user gave it.
+    pub(super) up: Option<glam::DVec3>,
     /// False if no scene could be read, or it was too large for the device.
     pub(super) has_scene: bool,
     /// When the device was reopened after a loss.
@@ -129,8 +132,8 @@ pub(super) struct Interaction {
     pub(super) controls: Controls,
     pub(super) editing: Editing,
     pub(super) boxing: Boxing,
-    /// Set when the user was just warned of unsaved changes: the action that ignores them.
-    pub(super) warned: Option<String>,
+    /// The question that was just displayed.
+    pub(super) asked: Option<Asked>,
 }
 
 impl Interaction {

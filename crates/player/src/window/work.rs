@@ -10,18 +10,26 @@ use std::time::Duration;
 
 use glam::{DQuat, DVec3};
 
+use super::leaving::is_same_file;
+use super::opening::cameras_of_run;
 use super::{Live, WindowJob};
 use crate::actions::Take;
 use crate::error::PlayerError;
 use crate::recording::{PATH_FPS, Recording};
 use crate::texts;
 use instgs_console::opened::OpenedScene;
-use instgs_io::{ExportFormat, IoError, TEMPORARY_PREFIX, export_scene, save_scene};
+use instgs_io::{
+    ExportFormat, ExportedScene, IoError, Pack, PageOptions, atomic_write, export_scene, locked_temporary,
+    packing_lost, page_text, save_scene,
+};
 use instgs_vk::scene::{Camera, InstancedScene};
-use tempfile::{NamedTempFile, TempPath};
+use tempfile::NamedTempFile;
 
 /// How often it is looked whether ffmpeg has ended.
 const LOOK_AT_FFMPEG: Duration = Duration::from_millis(50);
+
+/// Notes for the user about a file that a thread has written, or why it could not.
+type Written = Result<Vec<String>, String>;
 
 /// What runs beside the picture; there is one at a time.
 pub(super) struct Work {
@@ -31,8 +39,8 @@ pub(super) struct Work {
 }
 
 enum Kind {
-    /// A thread writes a file; what it sends is why it could not.
-    Write { done: Receiver<Result<(), String>>, to: PathBuf, saved_revision: Option<u64> },
+    /// A thread writes a file.
+    Write { done: Receiver<Written>, to: PathBuf, saved_revision: Option<u64> },
     /// A thread reads a scene.
     Read { done: Receiver<Result<OpenedScene, IoError>>, path: PathBuf, of: Opened },
     /// Frames that are drawn one after another.
@@ -69,8 +77,9 @@ impl Live {
         Some((work.name.clone(), progress))
     }
 
-    /// Writes a copy of the present scene on a thread. A `.instgs` becomes the scene's own file.
-    pub(super) fn write_beside(&mut self, to: &Path) {
+    /// Writes a copy of the present scene on a thread. A `.instgs` becomes the scene's own file. Unless the user has agreed that a
+    /// file which is there already is replaced (`may_replace`), asks first if that is not the scene's own.
+    pub(super) fn write_beside(&mut self, to: &Path, may_replace: bool) {
         if !self.session.has_scene {
             return self.hud.message = Some(texts::nothing_to_save(&self.session.path));
         }
@@ -87,12 +96,20 @@ impl Live {
             Ok(format) => format,
             Err(error) => return self.hud.message = Some(error.to_string()),
         };
+        let may_replace = may_replace || is_same_file(to, &self.session.path);
+        if self.asks_to_replace(to, may_replace) {
+            // The panel with the path stays until the question is answered.
+            self.hud.panels.save_as = true;
+            return;
+        }
         let [_, _, up] = self.camera.navigator.level_axes();
+        let (from, given_up) = (self.session.path.clone(), self.session.up);
         let revision = self.session.viewer.editor_mut().revision();
         let scene = self.session.viewer.scene().clone();
         let (sender, done) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
-        let job = Writing { scene, to: to.to_path_buf(), format, saves, up, cancelled: cancelled.clone() };
+        let to_path = to.to_path_buf();
+        let job = Writing { scene, from, to: to_path, format, saves, up, given_up, cancelled: cancelled.clone() };
         std::thread::spawn(move || drop(sender.send(job.run())));
         let name = if saves { texts::saving(to) } else { texts::exporting(to) };
         let kind = Kind::Write { done, to: to.to_path_buf(), saved_revision: saves.then_some(revision) };
@@ -186,10 +203,11 @@ impl Live {
         self.work = None;
         self.hud.message = Some(match (result, saved) {
             (Err(reason), _) => reason,
-            (Ok(()), None) => texts::exported(&to),
-            (Ok(()), Some(revision)) => {
+            (Ok(notes), None) => texts::with_notes(texts::exported(&to), &notes),
+            (Ok(mut notes), Some(revision)) => {
                 self.session.viewer.editor_mut().saved_at(revision);
-                let text = texts::saved(&to);
+                notes.extend(self.take_kept_cameras(&to));
+                let text = texts::with_notes(texts::saved(&to), &notes);
                 self.recent.note(&to);
                 self.session.path = to;
                 text
@@ -272,64 +290,94 @@ impl Live {
 /// A file that a thread writes.
 struct Writing {
     scene: InstancedScene,
+    /// The file that the scene is from; in a run folder, the training cameras are beside it.
+    from: PathBuf,
     to: PathBuf,
     format: ExportFormat,
     saves: bool,
+    /// The scene's up axis in the window; below, as the user gave it.
     up: DVec3,
+    given_up: Option<DVec3>,
     cancelled: Arc<AtomicBool>,
 }
 
 impl Writing {
-    /// Writes under a temporary name, and renames unless the user has cancelled.
-    fn run(self) -> Result<(), String> {
-        let part = part_of(&self.to)?;
+    /// Writes the file, unless the user cancels meanwhile.
+    fn run(self) -> Written {
+        // Before the file is replaced: it may be the one that is written.
+        let lost = if self.saves { packing_lost(&self.from) } else { None };
+        let (exported, of_page) = match self.format {
+            ExportFormat::Page(pack) => (ExportedScene::default(), self.write_page(pack)?),
+            _ => (self.write_part()?, Vec::new()),
+        };
+        // The message names the file already.
+        let name = format!("{}: ", self.to.display());
+        let notes = exported.notes(&self.to, &self.scene, self.format);
+        let nameless = notes.into_iter().map(|note| note.strip_prefix(&name).map(str::to_owned).unwrap_or(note));
+        Ok(lost.into_iter().chain(of_page).chain(nameless).collect())
+    }
+
+    /// Writes a page, which has the name of its file within, and returns notes about it. It begins at the first training camera
+    /// if the scene lies in the folder of its run, as `instgs-vk export` has it.
+    fn write_page(&self, pack: Pack) -> Written {
+        let (cameras, notes) = match cameras_of_run(&self.from) {
+            Ok(cameras) => (cameras, Vec::new()),
+            Err(error) => (Vec::new(), vec![texts::page_without_cameras(&error)]),
+        };
+        let usual = PageOptions::of_views(&self.scene, pack, &cameras);
+        let of_cameras = if cameras.is_empty() { self.up } else { usual.up };
+        let options = PageOptions { up: self.given_up.unwrap_or(of_cameras), ..usual };
+        let title = self.to.file_stem().unwrap_or_default().to_string_lossy();
+        let page = page_text(&title, &self.scene, &options, &self.to).map_err(|error| error.to_string())?;
+        let write = || atomic_write(&self.to, |out| out.write_all(page.as_bytes())).map_err(|error| error.to_string());
+        unless_cancelled(&self.cancelled, write)?;
+        Ok(notes)
+    }
+
+    /// Writes any other file, under a temporary name first.
+    fn write_part(&self) -> Result<ExportedScene, String> {
+        // Those that write put another file in its place, so that it is not kept open and locked.
+        let part = part_of(&self.to)?.into_temp_path();
         let done = if self.saves {
-            save_scene(&part, &self.scene)
+            save_scene(&part, &self.scene).map(|()| ExportedScene::default())
         } else {
-            export_scene(&part, &self.scene, self.format, self.up).map(drop)
+            export_scene(&part, &self.scene, self.format, self.up)
         };
         // Its errors name the temporary file.
         let named = |text: String| text.replace(&part.display().to_string(), &self.to.display().to_string());
-        done.map_err(|error| named(error.to_string()))?;
-        finish_file(part, &self.to, &self.cancelled)
+        let exported = done.map_err(|error| named(error.to_string()))?;
+        let rename = || part.persist(&self.to).map_err(|error| cannot_write(&self.to, &error.error));
+        unless_cancelled(&self.cancelled, rename)?;
+        Ok(exported)
     }
 }
 
-/// An empty temporary file beside another and with its ending, which is removed unless it gets the other's name. It is named as
-/// those of `instgs_io`, so that what a killed player leaves is removed as theirs is.
-fn part_of(to: &Path) -> Result<TempPath, String> {
-    let folder = to.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+/// An empty temporary file beside another and with its ending, which is removed unless it gets the other's name. It is locked while
+/// it is open, so that no process takes it for one that a killed player has left.
+fn part_of(to: &Path) -> Result<NamedTempFile, String> {
     let ending = format!(".{}", to.extension().unwrap_or_default().to_string_lossy());
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // ffmpeg writes into this file: others may read it as far as the process's umask lets them.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let part = builder.prefix(TEMPORARY_PREFIX).suffix(&ending).tempfile_in(folder);
-    part.map(NamedTempFile::into_temp_path).map_err(|error| cannot_write(to, &error))
+    locked_temporary(to, &ending).map_err(|error| error.to_string())
 }
 
 fn cannot_write(to: &Path, error: &std::io::Error) -> String {
     IoError::os(to, texts::CANNOT_WRITE, error).to_string()
 }
 
-/// Gives a complete file its name, or removes it if the user has cancelled.
-fn finish_file(part: TempPath, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
-    if cancelled.load(Ordering::Relaxed) {
-        return Err(texts::CANCELLED.into());
-    }
-    part.persist(to).map_err(|error| cannot_write(to, &error.error))
+/// Lets a complete file appear under its name, unless the user has cancelled.
+fn unless_cancelled(cancelled: &AtomicBool, appear: impl FnOnce() -> Result<(), String>) -> Result<(), String> {
+    if cancelled.load(Ordering::Relaxed) { Err(texts::CANCELLED.into()) } else { appear() }
 }
 
 /// Runs ffmpeg on numbered frames.
-fn video(folder: &Path, to: &Path, cancelled: &AtomicBool) -> Result<(), String> {
+fn video(folder: &Path, to: &Path, cancelled: &AtomicBool) -> Written {
     let part = part_of(to)?;
+    // There a lock keeps ffmpeg from writing, too.
+    #[cfg(windows)]
+    let _ = part.as_file().unlock();
     let mut ffmpeg = Command::new("ffmpeg");
     ffmpeg.args(["-y", "-loglevel", "error", "-framerate", &PATH_FPS.to_string(), "-i"]).arg(folder.join("%05d.png"));
     // Players want even sides and this format.
-    ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]).arg(&part);
+    ffmpeg.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]).arg(part.path());
     let failed = |error: std::io::Error| format!("ffmpeg: {error}");
     let ffmpeg = ffmpeg.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut ffmpeg = ffmpeg.spawn().map_err(failed)?;
@@ -345,7 +393,10 @@ fn video(folder: &Path, to: &Path, cancelled: &AtomicBool) -> Result<(), String>
         let reason = String::from_utf8_lossy(&output.stderr);
         return Err(format!("ffmpeg: {}", reason.lines().last().unwrap_or("failed")));
     }
-    finish_file(part, to, cancelled)
+    // The file is locked until it has its name.
+    let rename = || part.persist(to).map(drop).map_err(|error| cannot_write(to, &error.error));
+    unless_cancelled(cancelled, rename)?;
+    Ok(Vec::new())
 }
 
 /// Cameras on a circle about the up axis through the target, starting with one.
@@ -371,6 +422,9 @@ fn along(kept: &[Camera], [width, height]: [u32; 2], frames: u32) -> Vec<Camera>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use instgs_io::write_cameras;
+    use instgs_samples::sample_scene;
+    use instgs_vk::scene::PixelFilter;
 
     #[test]
     fn a_turntable_closes_and_a_path_ends_where_it_should() {
@@ -384,15 +438,75 @@ mod tests {
         assert!(path[5].position_world().distance(circle[1].position_world()) < 1e-6);
     }
 
+    /// The sample scene, for a file in a folder; the scene is from a file beside it.
+    fn writing(folder: &Path, name: &str) -> Writing {
+        let to = folder.join(name);
+        Writing {
+            scene: sample_scene(),
+            from: folder.join("scene.instgs"),
+            format: ExportFormat::of(&to, None).unwrap(),
+            to,
+            saves: false,
+            up: DVec3::Z,
+            given_up: None,
+            cancelled: Arc::default(),
+        }
+    }
+
     #[test]
     fn what_is_cancelled_leaves_no_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let to = folder.path().join("a.ply");
-        for (cancelled, exists) in [(true, false), (false, true)] {
-            let part = part_of(&to).unwrap();
-            std::fs::write(&part, "x").unwrap();
-            assert_eq!(finish_file(part, &to, &AtomicBool::new(cancelled)).is_ok(), exists);
-            assert!(to.exists() == exists && folder.path().read_dir().unwrap().count() == usize::from(exists));
+        for name in ["a.ply", "a.html"] {
+            for (cancelled, files) in [(true, 0), (false, 1)] {
+                let folder = tempfile::tempdir().unwrap();
+                let job = writing(folder.path(), name);
+                let to = job.to.clone();
+                job.cancelled.store(cancelled, Ordering::Relaxed);
+                assert_eq!(job.run().is_err(), cancelled, "{name}");
+                assert_eq!((folder.path().read_dir().unwrap().count(), to.exists()), (files, !cancelled), "{name}");
+            }
         }
+    }
+
+    #[test]
+    fn a_page_has_its_files_name_and_the_first_training_camera() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("cameras.json");
+        let camera = |name: &str| Camera::look_at(name, DVec3::X, DVec3::ZERO, DVec3::NEG_Y, 0.8, (160, 90));
+        write_cameras(&file, &[camera("first_view"), camera("second_view")]).unwrap();
+        let page = |job: Writing| {
+            let to = job.to.clone();
+            (job.run().unwrap(), std::fs::read_to_string(to).unwrap())
+        };
+        let (notes, text) = page(writing(folder.path(), "room.html"));
+        assert_eq!(notes, Vec::<String>::new());
+        assert!(text.contains("<title>room</title>") && text.contains("first_view") && !text.contains("second_view"));
+        std::fs::write(&file, "no cameras").unwrap();
+        let (notes, text) = page(writing(folder.path(), "hall.html"));
+        assert!(notes.len() == 1 && notes[0].contains("cameras.json"), "{notes:?}");
+        assert!(text.contains("<title>hall</title>") && !text.contains("first_view"));
+    }
+
+    #[test]
+    fn what_a_file_cannot_hold_is_told_with_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut job = writing(folder.path(), "a.glb");
+        job.scene.pixel_filter = PixelFilter { antialias: true, dilation_px2: 0.1 };
+        let done = texts::exported(&job.to);
+        let notes = job.run().unwrap();
+        assert!(notes.len() == 2 && notes[0].starts_with(".glb has no place"), "{notes:?}");
+        let text = texts::with_notes(done.clone(), &notes);
+        assert!(text.starts_with(&format!("{done}; .glb has no place")) && text.ends_with("(and 1 more)"), "{text}");
+        assert_eq!(texts::with_notes(done.clone(), &notes[..1]), format!("{done}; {}", notes[0]));
+        assert_eq!(texts::with_notes(done.clone(), &[]), done);
+    }
+
+    /// Files of this kind that nobody has locked are removed by whoever writes into the folder for the first time.
+    #[cfg(unix)]
+    #[test]
+    fn a_video_that_is_being_made_is_not_taken_for_one_left_behind() {
+        let folder = tempfile::tempdir().unwrap();
+        let part = part_of(&folder.path().join("a.mp4")).unwrap();
+        let same_file = std::fs::File::open(part.path()).unwrap();
+        assert!(same_file.try_lock().is_err() && part.path().extension().is_some_and(|ending| ending == "mp4"));
     }
 }
