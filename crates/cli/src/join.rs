@@ -117,10 +117,9 @@ fn cameras(data: &Path, args: &JoinArgs, printer: &Printer) -> Result<Vec<Camera
 /// The folder holds a run of another scene, or of another kind.
 fn is_begun(run: &Path, scene: &InstancedScene) -> Result<bool, IoError> {
     let folder = RunFolder::new(run);
-    if folder.initial_scene().is_file() && !folder.plain_cloud_run().path().exists() {
-        if load_scene(&folder.initial_scene())?.scene.shows_the_same(scene) {
-            return Ok(true);
-        }
+    let is_refinement = folder.initial_scene().is_file() && !folder.plain_cloud_run().path().exists();
+    if is_refinement && load_scene(&folder.initial_scene())?.scene.shows_the_same(scene) {
+        return Ok(true);
     }
     match folder.trace_of_run() {
         Some(found) => {
