@@ -83,6 +83,8 @@ pub struct BackwardPipelines {
     pub preprocess_instance_expand_backward:
         Pipeline<preprocess_instance_expand_backward::PreprocessInstanceExpandBackward>,
     pub gather_gradients: Pipeline<gather_gradients::GatherGradients>,
+    /// The same for steps in which offsets of SH bands above 0 do not learn; `None` for scenes without such offsets.
+    pub gather_gradients_but_sh_offsets: Option<Pipeline<gather_gradients::GatherGradients>>,
     /// In scenes with colour matrices.
     pub gather_color_gradients: Option<Pipeline<gather_color_gradients::GatherColorGradients>>,
     pub gather_pose_gradients: Pipeline<gather_pose_gradients::GatherPoseGradients>,
@@ -332,6 +334,10 @@ impl BackwardPipelines {
         let size = variant.workgroup_size;
         let tile = ("TILE_SIZE", variant.tile_size);
         let transpose = ("TRANSPOSE", u32::from(variant.transpose_moments));
+        let gather = |traits: SceneTraits| {
+            let own = ("OWN_MAY_GROW", u32::from(traits.own_may_grow));
+            compiler.compile(size, &[&[own, traits.windowed_constant()][..], &traits.constants()].concat())
+        };
         Ok(Self {
             poses,
             image_loss_rows: compiler.compile(size, &[])?,
@@ -357,14 +363,11 @@ impl BackwardPipelines {
                 ]
                 .concat(),
             )?,
-            gather_gradients: compiler.compile(
-                size,
-                &[
-                    &[("OWN_MAY_GROW", u32::from(traits.own_may_grow)), traits.windowed_constant()][..],
-                    &traits.constants(),
-                ]
-                .concat(),
-            )?,
+            gather_gradients: gather(traits)?,
+            gather_gradients_but_sh_offsets: match traits.offset_sh_rest {
+                0 => None,
+                _ => Some(gather(SceneTraits { offset_sh_rest: 0, ..traits })?),
+            },
             gather_color_gradients: match traits.color_matrices {
                 true => {
                     let rest = ("OFFSET_SH_REST", traits.offset_sh_rest);

@@ -3,7 +3,7 @@
 use crate::gpu::interface::constants::*;
 use crate::gpu::{Buffer, GpuError, Grid, Recorder};
 use crate::kernels::*;
-use crate::scene::Owner;
+use crate::scene::{Owner, Parameter};
 
 use super::forward::ForwardInputs;
 use super::frame_buffers::FrameBuffers;
@@ -18,6 +18,24 @@ pub struct BackwardInputs<'a> {
     pub pipelines: &'a BackwardPipelines,
     /// For each chunk of source Gaussians, the instances that show it.
     pub tables: &'a SourceTables,
+    /// What is computed.
+    pub wanted: WantedGradients,
+}
+
+/// Gradients that a step may do without.
+#[derive(Clone, Copy, Debug)]
+pub struct WantedGradients {
+    /// Those by offsets of SH coefficients above 0; if not, their buffer stays as it is.
+    pub sh_offsets: bool,
+}
+
+impl WantedGradients {
+    /// Everything.
+    pub const ALL: Self = Self { sh_offsets: true };
+
+    fn has(self, parameter: Parameter) -> bool {
+        self.sh_offsets || parameter != Parameter::OffsetShRest
+    }
 }
 
 /// The photo of the view, and the weights of the loss.
@@ -131,7 +149,7 @@ pub fn record_gradients(
         recorder.fill(&mut buffers.color_cotangents, 0)?;
     }
     let offsets = gradients.parameters.scalars_mut().into_iter().filter(|(p, _)| p.owner() == Owner::Offset);
-    for (_, buffer) in offsets {
+    for (_, buffer) in offsets.filter(|(p, _)| inputs.wanted.has(*p)) {
         recorder.fill(buffer, 0)?;
     }
     for window in inputs.forward.scene.windows.iter() {
@@ -266,7 +284,15 @@ fn record_gather(
     };
     let chunk_count = inputs.tables.chunk_count;
     let params = gather_gradients::Params { chunk_count, window: window.shown };
-    recorder.dispatch_parts(&inputs.pipelines.gather_gradients, Grid::groups(chunk_count), &params, bindings, &parts)
+    let but_sh_offsets = inputs.pipelines.gather_gradients_but_sh_offsets.as_ref();
+    let pipeline = but_sh_offsets.filter(|_| !inputs.wanted.sh_offsets);
+    recorder.dispatch_parts(
+        pipeline.unwrap_or(&inputs.pipelines.gather_gradients),
+        Grid::groups(chunk_count),
+        &params,
+        bindings,
+        &parts,
+    )
 }
 
 /// Gradients by colour matrices, in scenes that have them.

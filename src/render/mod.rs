@@ -43,7 +43,7 @@ pub mod surfaces;
 pub mod train_frame;
 
 pub use ahead::{Ahead, Arrived, FRAMES_IN_FLIGHT};
-pub use backward::LossInputs;
+pub use backward::{LossInputs, WantedGradients};
 pub use contributions::{CONTRIBUTION_ONE, Contribution, ContributionRenderer};
 pub use device_scene::{DeviceScene, SceneCounts};
 pub use error::RenderError;
@@ -65,4 +65,4 @@ pub use render_options::RenderOptions;
 pub use renderer::Renderer;
 pub use show::Show;
 pub use surfaces::{SurfacePoint, Surfaces};
-pub use train_frame::{TrainFrame, TrainView};
+pub use train_frame::{GradientStep, TrainFrame, TrainView};

@@ -9,7 +9,9 @@ use crate::gpu::{Gpu, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{BackwardPipelines, Pipelines, Primitives, Purpose, Variant};
 use crate::scene::Camera;
 
-use super::backward::{BackwardInputs, LossInputs, StepStatus, record_gradients, record_image_loss, record_status};
+use super::backward::{
+    BackwardInputs, LossInputs, StepStatus, WantedGradients, record_gradients, record_image_loss, record_status,
+};
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::forward::{ForwardInputs, record_begin, record_slab, record_visibility, write_counters};
@@ -40,6 +42,19 @@ pub struct TrainView<'a> {
     pub camera: &'a Camera,
     /// The render options; `max_intersections` is ignored.
     pub options: RenderOptions,
+}
+
+/// What the backward passes of a step take besides the scene.
+#[derive(Clone, Copy)]
+pub struct GradientStep<'a> {
+    /// For each chunk of source Gaussians, the instances that show it.
+    pub tables: &'a SourceTables,
+    /// The view that was drawn.
+    pub view: &'a TrainView<'a>,
+    /// The status of the step.
+    pub log: &'a StepLog,
+    /// What is computed.
+    pub wanted: WantedGradients,
 }
 
 /// Bytes of a splat slot in the widest of the arrays that have one.
@@ -218,13 +233,12 @@ impl TrainFrame {
         &mut self,
         recorder: &mut Recorder,
         scene: &DeviceScene,
-        tables: &SourceTables,
-        view: &TrainView<'_>,
-        log: &StepLog,
+        step: GradientStep<'_>,
         gradients: &mut GradientBuffers,
     ) -> Result<(), RenderError> {
+        let GradientStep { tables, view, log, wanted } = step;
         let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
-        let inputs = BackwardInputs { forward: &forward, pipelines, tables };
+        let inputs = BackwardInputs { forward: &forward, pipelines, tables, wanted };
         record_gradients(recorder, &inputs, frame, buffers, log, gradients)?;
         Ok(())
     }

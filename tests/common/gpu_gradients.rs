@@ -8,7 +8,8 @@ use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::render::{
-    DeviceScene, GradientBuffers, LossInputs, RenderError, SourceTables, StepLog, TrainFrame, TrainView,
+    DeviceScene, GradientBuffers, GradientStep, LossInputs, RenderError, SourceTables, StepLog, TrainFrame, TrainView,
+    WantedGradients,
 };
 use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
 
@@ -93,7 +94,8 @@ impl GradientRunner {
             // The loss's own gradient is replaced by the one asked for.
             let (_, backward) = self.frame.buffers_mut().unwrap();
             write(&gpu, &mut backward.cotangents, &cotangents).unwrap();
-            self.frame.record_gradients(recorder, &device_scene, &tables, &view, &log, &mut gradients).unwrap();
+            let step = GradientStep { tables: &tables, view: &view, log: &log, wanted: WantedGradients::ALL };
+            self.frame.record_gradients(recorder, &device_scene, step, &mut gradients).unwrap();
             let ticket = recorder.submit().unwrap();
             recorder.wait(ticket).unwrap();
             if !self.frame.grow(&record)? {

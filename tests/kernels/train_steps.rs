@@ -117,6 +117,7 @@ pub(crate) fn plan(step: u64, view: usize, sh_degree: u32) -> StepPlan {
         sh_degree,
         lambda_dssim: 0.2,
         adam: Adam { beta1: 0.9, beta2: 0.999, epsilon: 1e-15, step: step + 1 },
+        sh_offsets_every: 1,
         exposure: None,
     }
 }
@@ -264,6 +265,40 @@ fn steps_are_repeatable_and_learn() {
         println!("{kind}: {moved} of {} moved", before.len());
         assert!(before.is_empty() || 4 * moved > before.len(), "{kind}: {moved} of {}", before.len());
     }
+    assert_silent(&gpu);
+}
+
+/// Offsets of SH bands above 0 that learn in every third step: in the first one as they do in all, then not for two, while all else
+/// learns on.
+#[test]
+fn sh_offsets_may_learn_in_some_steps_alone() {
+    let Some(gpu) = gpu() else { return };
+    let (truth, start, target) = instanced();
+    let data = Data::of(&truth, target);
+    let after_each = |sh_offsets_every: u64| {
+        let mut views = data.views(&gpu);
+        let mut runner = StepRunner::new(&gpu, Variant::for_training(gpu.caps()), [41, 47], false).unwrap();
+        let mut state = DeviceState::new(&gpu, &start, runner.chunk_size()).unwrap();
+        let step = |step: u64| {
+            let plan = StepPlan { sh_offsets_every, ..plan(step, in_turn(step), start.sh_degree()) };
+            runner.submit(&mut state, &mut views, plan).unwrap();
+            while runner.collect(&mut state, &mut views).unwrap().is_some() {}
+            let scene = state.scene.download(&gpu, &start).unwrap();
+            (scene.offsets.sh_rest, scene.offsets.sh_dc)
+        };
+        (0..5).map(step).collect::<Vec<_>>()
+    };
+    let (third, all) = (after_each(3), after_each(1));
+    assert!(!third[0].0.is_empty() && third[0].0 != start.offsets.sh_rest && third[0] == all[0]);
+    for step in 1..5 {
+        let [before, now] = [&third[step - 1], &third[step]];
+        assert_eq!(before.0 != now.0, step == 3, "step {step}");
+        assert!(before.1 != now.1 && all[step - 1].0 != all[step].0, "step {step}");
+    }
+    // The second step in which they learn is Adam's second.
+    let plan = StepPlan { sh_offsets_every: 3, ..plan(3, 0, 0) };
+    assert_eq!(plan.adam_of(Parameter::OffsetShRest).map(|adam| adam.step), Some(2));
+    assert_eq!(plan.adam_of(Parameter::OffsetShDc).map(|adam| adam.step), Some(4));
     assert_silent(&gpu);
 }
 

@@ -96,6 +96,7 @@ pub(crate) fn fit(
             sh_degree: level.sh_degree,
             lambda_dssim: 0.0,
             adam: Adam { beta1: 0.9, beta2: 0.99, epsilon: 1e-15, step: step + 1 },
+            sh_offsets_every: 1,
             exposure: None,
             mcmc: None,
         };

@@ -166,10 +166,11 @@ impl DeviceState {
         log: &StepLog,
         plan: &StepPlan,
     ) -> Result<(), GpuError> {
-        let StepPlan { adam, rates, sh_degree, .. } = plan;
+        let StepPlan { rates, sh_degree, .. } = plan;
         let (scene, gradients, moments) = (&mut self.scene, &self.gradients, &mut self.moments);
         let buffers = scene.parameters.scalars_mut().zip(moments.parameters.each_mut());
         for ((parameter, values, moments), (_, by)) in buffers.zip(gradients.parameters.scalars()) {
+            let Some(adam) = plan.adam_of(parameter) else { continue };
             if matches!(parameter.owner(), Owner::ShBand(l) if l > *sh_degree) {
                 continue;
             }
@@ -187,7 +188,14 @@ impl DeviceState {
             moments: &mut moments.poses,
             posed_rows,
         };
-        adam.record_poses(recorder, &pipelines.refine_poses, workgroup_size, &log.status, poses, rates.poses.values())
+        plan.adam.record_poses(
+            recorder,
+            &pipelines.refine_poses,
+            workgroup_size,
+            &log.status,
+            poses,
+            rates.poses.values(),
+        )
     }
 }
 

@@ -241,6 +241,7 @@ impl Steps {
             sh_degree: self.sh_degree,
             lambda_dssim: LAMBDA_DSSIM,
             adam: Adam { step: step + 1, ..ADAM },
+            sh_offsets_every: 1,
             exposure: None,
             mcmc: None,
         };

@@ -115,6 +115,7 @@ pub fn measure_sensitivity(
             sh_degree: scene.sh_degree(),
             lambda_dssim: 0.0,
             adam: Adam { beta1: 0.0, beta2: DECAY, epsilon: 1.0, step: step + 1 },
+            sh_offsets_every: 1,
             exposure: None,
             mcmc: None,
         };

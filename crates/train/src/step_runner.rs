@@ -14,7 +14,10 @@ use instgs_vk::gpu::staging::write;
 use instgs_vk::gpu::{Buffer, Gpu, Recorder, Ticket};
 use instgs_vk::kernels::{McmcStepPipelines, Variant};
 use instgs_vk::optim::{Adam, ExposedView, ExposureStep};
-use instgs_vk::render::{LossInputs, RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
+use instgs_vk::render::{
+    GradientStep, LossInputs, RenderError, RenderOptions, StepLog, TrainFrame, TrainView, WantedGradients,
+};
+use instgs_vk::scene::Parameter;
 
 use super::config::Rates;
 use super::device_state::DeviceState;
@@ -42,10 +45,21 @@ pub struct StepPlan {
     pub lambda_dssim: f32,
     /// Adam's constants, with the step counted from 1.
     pub adam: Adam,
+    /// Offsets of SH coefficients above 0 learn in steps whose index is a multiple of this, at least 1.
+    pub sh_offsets_every: u64,
     /// Step of the exposure of the picture, if photos have exposures.
     pub exposure: Option<ExposureStep>,
     /// Noise and regularisers that the strategy `mcmc` adds.
     pub mcmc: Option<McmcStep>,
+}
+
+impl StepPlan {
+    /// Adam's constants for a parameter; `None` if it does not learn in this step.
+    pub fn adam_of(&self, parameter: Parameter) -> Option<Adam> {
+        let every = if parameter == Parameter::OffsetShRest { self.sh_offsets_every } else { 1 };
+        // Of steps in which it learns, this is so many from 1.
+        self.step.is_multiple_of(every).then(|| Adam { step: (self.adam.step - 1) / every + 1, ..self.adam })
+    }
 }
 
 /// Errors and counts of a finished step.
@@ -295,7 +309,9 @@ impl StepRunner {
             }
         }
         let (scene, gradients) = (&state.scene, &mut state.gradients);
-        self.frame.record_gradients(recorder, scene, &state.tables, &train_view, &self.log, gradients)?;
+        let wanted = WantedGradients { sh_offsets: plan.adam_of(Parameter::OffsetShRest).is_some() };
+        let backward = GradientStep { tables: &state.tables, view: &train_view, log: &self.log, wanted };
+        self.frame.record_gradients(recorder, scene, backward, gradients)?;
         let workgroup_size = self.frame.variant().workgroup_size;
         if let Some(extra) = &plan.mcmc {
             extra.record_regularisation(recorder, &self.mcmc, workgroup_size, &self.log, state)?;

@@ -359,6 +359,7 @@ impl<'a> Run<'a> {
             sh_degree: config.sh_degree_at(step),
             lambda_dssim: config.lambda_dssim as f32,
             adam,
+            sh_offsets_every: config.offsets.sh_every,
             exposure: config.exposure_rate_at(step).map(exposure_step),
         })
     }

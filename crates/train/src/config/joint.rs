@@ -20,8 +20,15 @@ pub struct OffsetConfig {
     /// is true for all degrees.
     #[serde(alias = "sh_rest", deserialize_with = "degree_or_all")]
     pub sh_degree: u32,
+    /// These learn in every so many steps, from the first on. Reports of older runs do not have it: they learned in every one.
+    #[serde(default = "every_step")]
+    pub sh_every: u64,
     /// Offsets of log scales and quaternions.
     pub covariance: bool,
+}
+
+fn every_step() -> u64 {
+    1
 }
 
 /// An SH degree; `true` is the highest one, `false` is 0.

@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 106] = [
+pub const KEYS: [Key; 107] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -119,6 +119,7 @@ pub const KEYS: [Key; 106] = [
     key("offsets.sh_dc", Flag),
     key("offsets.opacity", Flag),
     key("offsets.sh_degree", Whole(0, 3)),
+    key("offsets.sh_every", Whole(1, 1000)),
     key("offsets.covariance", Flag),
     key("joint.steps", Whole(1, STEPS_MAX)),
     key("joint.refine_poses", Flag),

@@ -58,6 +58,8 @@ const OLDER_RUNS: &str = "
 decay_steps = 0
 [densify]
 growth = \"clone_or_split\"
+[offsets]
+sh_every = 1
 [joint]
 decay_steps = 0
 ";
