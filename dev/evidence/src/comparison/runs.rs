@@ -10,7 +10,7 @@ use instgs_io::{IoError, RunFolder, copy_file};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::pipeline::{PipelineJob, makes_scene};
 use instgs_report::RunReport;
-use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
+use instgs_train::{USUAL_PICTURE_PSNR_DB, check_finished, sensitivity_cameras, write_small};
 use instgs_vk::scene::InstancedScene;
 
 /// The inputs that one seed's runs share.
@@ -46,21 +46,22 @@ impl Runs<'_> {
     /// Trains in a folder of its own, or resumes the run there.
     pub(crate) fn train(&self, name: &str, config: RunConfig) -> Result<RunReport, CliError> {
         let folder = self.folder(name);
-        if let Ok(done) = read_json::<RunReport>(&folder.report())
-            && done.config == config
-        {
-            return Ok(done);
+        let done = read_json::<RunReport>(&folder.report()).ok().filter(|done| done.config == config);
+        let job = PipelineJob {
+            data: self.data.into(),
+            out: folder.path().into(),
+            config,
+            resume: true,
+            accept_changed_data: false,
+        };
+        match done {
+            Some(done) => {
+                // Of these photos, not of others that were here before.
+                check_finished(&job.training()?)?;
+                Ok(done)
+            }
+            None => train_job(self.session, &job),
         }
-        train_job(
-            self.session,
-            &PipelineJob {
-                data: self.data.into(),
-                out: folder.path().into(),
-                config,
-                resume: true,
-                accept_changed_data: false,
-            },
-        )
     }
 
     /// The plain cloud of the instanced run, trained on for `more` steps, with rates that end like the joint phase's.

@@ -12,7 +12,7 @@ use instgs_eval::Evaluated;
 use instgs_io::view_image::camera_at_width;
 use instgs_io::{IoError, MaskFolder, Pack, View, load_scene, ply, write_scene_file_packed, write_spz};
 use instgs_report::{RunReport, final_steps_per_second};
-use instgs_train::config::Strategy;
+use instgs_objects::pipeline::config::ConfigBuilder;
 use instgs_train::eval_options;
 use instgs_train::event_log::read_events;
 use instgs_vk::scene::{Camera, InstancedScene, RepeatedBytes};
@@ -124,7 +124,11 @@ impl Runs<'_> {
             }
             Rival::Mcmc => {
                 printer.line(format_args!("seed {seed}: 3DGS-MCMC for the same time"));
-                as_long.train.strategy = Strategy::Mcmc;
+                // With the start and the rates of its own preset, and the cap of the others.
+                let own = ConfigBuilder::new().file("mcmc")?.finish()?.train;
+                as_long.train.strategy = own.strategy;
+                (as_long.train.init_opacity, as_long.train.init_scale) = (own.init_opacity, own.init_scale);
+                as_long.train.rates.final_factor = own.rates.final_factor;
                 let report = self.train("mcmc", as_long)?;
                 Ok(of_cloud(names::MCMC, self.folder("mcmc").point_cloud(), &report))
             }
@@ -145,6 +149,7 @@ impl Runs<'_> {
                 let offsets = &mut config.train.offsets;
                 (offsets.position, offsets.sh_dc, offsets.opacity) = (false, false, false);
                 (offsets.sh_degree, offsets.covariance) = (0, false);
+                config.train.joint.color_matrix_rate = 0.0;
                 let report = self.variant("rigid", config)?;
                 let steps = self.config.train.steps + report.steps;
                 Ok(Subject {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use super::frame::Frame;
@@ -18,6 +19,8 @@ pub(super) const MARK: &str = "synth.json";
 pub(super) const TEST_EVERY: usize = 8;
 /// Folders, with the extension of their files.
 const FOLDERS: [(&str, &str); 3] = [("images", "png"), ("masks", "png"), ("depth", "ktx2")];
+/// The files of cameras: of all views, and of each split. Written last.
+const CAMERAS: [&str; 3] = ["transforms.json", "transforms_train.json", "transforms_test.json"];
 /// Prefix of the names of views.
 pub(super) const VIEW_PREFIX: &str = "view_";
 
@@ -32,6 +35,15 @@ pub(super) fn prepare(out: &Path) -> Result<(), IoError> {
     let taken = fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
     if taken && !out.join(MARK).is_file() {
         return Err(IoError::new(out, "is not empty and was not made by this command").advise("choose another folder"));
+    }
+    // First: with cameras a folder counts as a whole data set.
+    for cameras in CAMERAS.map(|name| out.join(name)) {
+        match fs::remove_file(&cameras) {
+            Err(e) if e.kind() != ErrorKind::NotFound => {
+                return Err(IoError::new(&cameras, format!("cannot remove it: {e}")));
+            }
+            _ => {}
+        }
     }
     for (folder, ending) in FOLDERS {
         let folder = out.join(folder);
@@ -63,11 +75,7 @@ pub(super) fn write_cameras(out: &Path, cameras: &[Camera]) -> Result<(), IoErro
         let chosen = cameras.iter().enumerate().filter(|(i, _)| of_split(*i));
         chosen.map(|(_, camera)| (camera, format!("images/{}.png", camera.name))).collect()
     };
-    for (file, split) in [
-        ("transforms.json", None),
-        ("transforms_train.json", Some(Split::Train)),
-        ("transforms_test.json", Some(Split::Test)),
-    ] {
+    for (file, split) in CAMERAS.into_iter().zip([None, Some(Split::Train), Some(Split::Test)]) {
         write_transforms(&out.join(file), &views(split), Some("points3d.ply"))?;
     }
     Ok(())

@@ -189,7 +189,7 @@ pub fn light_of(scene: &Scene, cameras: &[Camera], seed: u64) -> Irradiance {
 fn write_mark(name: &str, out: &Path, options: &Options) -> Result<(), IoError> {
     let noise = options.pose_noise.map(|n| [n.degrees, n.part]);
     let mark = serde_json::json!({ "name": name, "views": options.views, "size": options.size, "seed": options.seed,
-        "instances": options.instances, "flight": options.flight, "pose_noise": noise, "version": env!("CARGO_PKG_VERSION") });
+        "instances": options.instances, "differences": options.differences, "flight": options.flight, "pose_noise": noise, "version": env!("CARGO_PKG_VERSION") });
     let text = format!("{mark:#}\n");
     atomic_write(&out.join(files::MARK), |file| file.write_all(text.as_bytes()))
 }

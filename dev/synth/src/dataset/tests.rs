@@ -38,6 +38,9 @@ fn the_same_options_give_the_same_bytes() {
     let other = make(&Options { seed: 4, views: 2, pose_noise: None, ..noisy }, "a");
     assert!(!other.contains_key("images/view_002.png") && !other.contains_key("groups_noisy.json"));
     assert_ne!(other["images/view_001.png"], first["images/view_001.png"]);
+    // One that is stopped half way is no data set: what it had of cameras is gone first.
+    files::prepare(&folder.path().join("a")).unwrap();
+    assert!(read_views(&folder.path().join("a")).is_err());
 }
 
 fn bytes_of(out: &Path, options: &Options) -> BTreeMap<String, Vec<u8>> {
