@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let on_device = renderer.upload(&scene)?;
             let mut frames = ImageFrames::new(&renderer, 1)?;
             loop {
-                let (commands, options) = (yours.begin()?, RenderOptions::default().filtered(scene.pixel_filter));
+                let (commands, options) = (yours.begin()?, RenderOptions::of(&scene));
                 let to = &yours.target;
                 let signal = renderer.record_into_image(&mut frames, commands, &on_device, &camera, &options, to)?;
                 yours.submit(signal)?;

@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let gpu = Gpu::open(&GpuOptions::default())?;
     let mut renderer = Renderer::new(&gpu)?;
     let on_device = renderer.upload(&scene)?;
-    let stats = renderer.render(&on_device, &camera, &RenderOptions::default().filtered(scene.pixel_filter))?;
+    let stats = renderer.render(&on_device, &camera, &RenderOptions::of(&scene))?;
     let picture = renderer.download()?;
     write_png(Path::new(&png), &picture.rgb8(), (picture.width, picture.height))?;
     println!("{}: {} of {} Gaussians", gpu.caps().name, stats.visible, scene.expanded_len());

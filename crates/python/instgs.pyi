@@ -355,8 +355,8 @@ class Renderer:
         hide: Optional[_Which] = None,
         ids: bool = True,
     ) -> Picture:
-        """Draws the scene as the camera sees it. background: rgb behind everything; near: depth of the near plane; antialias,
-        dilation (px^2): the pixel filter, by default the scene's; lod: merge far Gaussians with an error of at most that many
+        """Draws the scene as the camera sees it. background: rgb behind everything; near: depth of the near plane, and antialias,
+        dilation (px^2), the pixel filter: by default the scene's; lod: merge far Gaussians with an error of at most that many
         pixels; hide: instances to leave out; ids: whether instance_ids are made. Raises Error."""
     @property
     def device(self) -> str:

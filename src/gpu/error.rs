@@ -124,8 +124,8 @@ pub enum GpuError {
     },
     /// The start-up self-test found a wrong result.
     #[error(
-        "self-test of {what} failed on {device} with subgroup size {subgroup_size}: {reason}; the environment variable \
-         INSTGS_TUNING=subgroup_size=N takes another size, if the device has one (instgs-vk info)"
+        "self-test of {what} failed on {device} with subgroup size {subgroup_size}: {reason}; another version of the driver, or \
+         another device (--device), may be right"
     )]
     SelfTest {
         /// Name of the test that failed.

@@ -17,18 +17,19 @@ const TEST_LEN: u32 = 16 * BLOCK_SIZE + 77;
 /// What `make` makes of a variant, or, if that fails the self-test, of the first of the others that passes it.
 ///
 /// # Errors
-/// Those of `make`; if all fail the test, for the last.
-pub(super) fn first_sound<T>(
-    preferred: Variant,
-    others: impl IntoIterator<Item = Variant>,
-    mut make: impl FnMut(Variant) -> Result<T, RenderError>,
+/// Those of `make`; if all fail the test, the first one's.
+pub(super) fn first_sound<V, T>(
+    preferred: V,
+    others: impl IntoIterator<Item = V>,
+    mut make: impl FnMut(V) -> Result<T, RenderError>,
 ) -> Result<T, RenderError> {
-    let mut result = make(preferred);
-    for variant in others {
-        let Err(RenderError::Gpu(GpuError::SelfTest { .. })) = &result else { break };
-        result = make(variant);
+    let fails_the_test =
+        |result: &Result<T, RenderError>| matches!(result, Err(RenderError::Gpu(GpuError::SelfTest { .. })));
+    let first = make(preferred);
+    if !fails_the_test(&first) {
+        return first;
     }
-    result
+    others.into_iter().map(make).find(|result| !fails_the_test(result)).unwrap_or(first)
 }
 
 /// Scans and sorts known numbers, and compares with the host.
@@ -95,4 +96,37 @@ pub fn sort_on_device(
     let ticket = recorder.submit()?;
     recorder.wait(ticket)?;
     Ok((download(gpu, &buffers.keys, keys.len())?, download(gpu, &buffers.values, values.len())?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The sizes that are tried, and what comes of them: `fails` says how a size fails.
+    fn tried(others: &[u32], fails: impl Fn(u32) -> Option<GpuError>) -> (Vec<u32>, Result<u32, RenderError>) {
+        let mut sizes = Vec::new();
+        let made = first_sound(32, others.iter().copied(), |size| {
+            sizes.push(size);
+            fails(size).map_or(Ok(size), |error| Err(error.into()))
+        });
+        (sizes, made)
+    }
+
+    fn unsound(subgroup_size: u32) -> GpuError {
+        GpuError::SelfTest { what: "scan".into(), device: "a GPU".into(), subgroup_size, reason: String::new() }
+    }
+
+    #[test]
+    fn the_first_size_that_passes_is_taken() {
+        let (sizes, made) = tried(&[8, 16, 64], |size| (size != 16).then(|| unsound(size)));
+        assert_eq!((sizes, made.ok()), (vec![32, 8, 16], Some(16)));
+        let (sizes, made) = tried(&[8], |_| None);
+        assert_eq!((sizes, made.ok()), (vec![32], Some(32)));
+        // The one that was wanted is named; other errors end the search.
+        let (sizes, made) = tried(&[8, 16], |size| Some(unsound(size)));
+        assert!(sizes == [32, 8, 16] && made.is_err_and(|e| e.to_string().contains("subgroup size 32")));
+        let (sizes, made) =
+            tried(&[8, 16], |size| Some(if size == 8 { GpuError::Tuning("x".into()) } else { unsound(size) }));
+        assert!(sizes == [32, 8] && made.is_err_and(|e| e.to_string().contains('x')));
+    }
 }

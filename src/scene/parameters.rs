@@ -331,6 +331,7 @@ impl InstancedScene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::SourceRange;
 
     /// Two clouds of different degrees, and offsets of which some are absent; all numbers are distinct.
     fn scene() -> InstancedScene {
@@ -373,6 +374,28 @@ mod tests {
         assert_eq!(copy, scene);
         // Band 1 of the first background Gaussian: after the two rows of the templates.
         assert_eq!(scene.background.sh_of(0)[1..4].as_flattened(), &scene.parameter(Parameter::Sh1)[18..27]);
+    }
+
+    #[test]
+    fn what_is_drawn_is_the_same_or_not() {
+        let scene = scene();
+        let other = |change: &dyn Fn(&mut InstancedScene)| {
+            let mut changed = scene.clone();
+            change(&mut changed);
+            changed
+        };
+        assert!(scene.shows_the_same(&other(&|s| s.source = "elsewhere".into())));
+        for parameter in Parameter::ALL {
+            let (rows, values) = (scene.parameter_rows()[parameter], scene.parameter(parameter).into_owned());
+            let moved: Vec<f32> = values.iter().map(|v| v + 1.0).collect();
+            let changed = other(&|s| s.set_parameter(parameter, rows, &moved));
+            assert_eq!(scene.shows_the_same(&changed), values.is_empty(), "{parameter:?}");
+        }
+        let range = SourceRange { first: 0, count: 1 };
+        assert!(!scene.shows_the_same(&other(&|s| s.template_ranges.push(range))));
+        assert!(!scene.shows_the_same(&other(&|s| s.own_ranges.push(range))));
+        assert!(!scene.shows_the_same(&other(&|s| s.pixel_filter.antialias = true)));
+        assert!(!scene.shows_the_same(&other(&|s| s.near_plane.0 = 0.1)));
     }
 
     #[test]

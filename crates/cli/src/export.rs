@@ -5,15 +5,17 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::export_page;
-use super::run_beside::config_beside;
 use instgs_console::args::{Triple, open_scene, parse_near, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
 use instgs_io::small::{SmallOptions, SmallPlan};
 use instgs_io::{
-    ExportFormat, ExportedScene, IoError, Pack, export_scene, write_planned_scene_file, write_scene_file_in_pages,
+    ExportFormat, ExportedScene, IoError, Pack, RunFolder, export_scene, write_planned_scene_file,
+    write_scene_file_in_pages,
 };
+use instgs_objects::pipeline::config::ConfigBuilder;
+use instgs_train::config::TrainConfig;
 use instgs_train::{FinishJob, USUAL_PICTURE_PSNR_DB, finish, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{InstancedScene, NearPlane};
@@ -142,6 +144,23 @@ fn planned(
     };
     device::check_validation(&gpu)?;
     Ok(plan)
+}
+
+/// The configuration of the run that a scene lies in: how its training took the photos. The default if there is none, or, with a
+/// warning, none that can be read.
+fn config_beside(scene: &Path, printer: &Printer) -> TrainConfig {
+    let file = RunFolder::new(scene.parent().unwrap_or(Path::new("."))).config();
+    if !file.is_file() {
+        return TrainConfig::default();
+    }
+    let config = ConfigBuilder::new().run_file(&file).and_then(ConfigBuilder::finish);
+    config.map_or_else(
+        |error| {
+            printer.warning(format_args!("{error}: photos are taken whole, and black stands behind all splats"));
+            TrainConfig::default()
+        },
+        |config| config.train,
+    )
 }
 
 /// Writes the scene in the format and returns how many Gaussians the file holds.

@@ -13,7 +13,7 @@ use instgs_console::{CliError, Printer};
 use instgs_eval::Counts;
 use instgs_io::ply;
 use instgs_vk::render::device_scene::{PlannedBytes, planned_bytes};
-use instgs_vk::scene::{DevicePrecision, PixelFilter};
+use instgs_vk::scene::{DevicePrecision, NearPlane, PixelFilter};
 
 /// Gaussians per chunk in the figures for the device: the usual work-group size (`instgs-vk info` shows it).
 const CHUNK_SIZE: u32 = 256;
@@ -39,6 +39,8 @@ struct Inspection {
     sh_degree: u32,
     antialias: bool,
     dilation_px2: f32,
+    /// Depth of the near plane, scene units.
+    near: f32,
     dropped_non_finite: usize,
     gaussians: SceneCounts,
     bytes: Bytes,
@@ -99,6 +101,7 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
         sh_degree: scene.sh_degree(),
         antialias: scene.pixel_filter.antialias,
         dilation_px2: scene.pixel_filter.dilation_px2,
+        near: scene.near_plane.0,
         dropped_non_finite: loaded.dropped_non_finite,
         gaussians: SceneCounts { gaussians: Counts::of(scene), instances: scene.instances.len() as u64 },
         bytes: Bytes { file: loaded.file_bytes, host: scene.tensor_bytes(), device_scene: device_parts.total() },
@@ -135,7 +138,9 @@ fn print(report: &Inspection, printer: &Printer) {
     let dilation =
         if filter.has_usual_dilation() { String::new() } else { format!(", dilation {} px^2", report.dilation_px2) };
     let source = if report.source.is_empty() { String::new() } else { format!(", source: {}", report.source) };
-    printer.line(format_args!("{}: SH degree {}{antialias}{dilation}{source}", report.scene, report.sh_degree));
+    let near =
+        if report.near == NearPlane::default().0 { String::new() } else { format!(", near plane {}", report.near) };
+    printer.line(format_args!("{}: SH degree {}{antialias}{dilation}{near}{source}", report.scene, report.sh_degree));
     let mut table = Table::default();
     let mut section = |title: &str, total: u64, rows: &[(String, u64)]| {
         table.row([title.into(), grouped(total)]);

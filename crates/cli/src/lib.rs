@@ -29,7 +29,6 @@ mod programs;
 pub mod progress_lines;
 mod prune;
 mod render;
-mod run_beside;
 mod run_name;
 mod shell_files;
 mod split;

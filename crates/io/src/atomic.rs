@@ -11,7 +11,7 @@ use tempfile::NamedTempFile;
 use crate::{IoError, read_bytes};
 
 /// Prefix of the names of [`locked_temporary`]'s files; a killed process may leave one behind.
-pub const TEMPORARY_PREFIX: &str = ".instgs-";
+pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
 
 /// Writes a file atomically, so that readers see either the old content or all of the new: into a temporary file in the
 /// same folder, which is then renamed. On failure the old file is unchanged and the temporary file is removed. The first file

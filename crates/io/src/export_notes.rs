@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::{ExportFormat, ExportedScene, Pack, SpzLoss};
-use instgs_vk::scene::{InstancedScene, PixelFilter};
+use instgs_vk::scene::{InstancedScene, NearPlane, PixelFilter};
 
 impl ExportedScene {
     /// What the file `to` lacks of the scene and what other viewers draw differently, one line each for the user.
@@ -20,9 +20,18 @@ impl ExportedScene {
                  their pixels; here, .ply keeps it, and other formats are rendered with --dilation {dilation}"
             ));
         }
+        if !matches!(format, ExportFormat::Instgs(_) | ExportFormat::Page(_))
+            && scene.near_plane != NearPlane::default()
+        {
+            let (near, usual) = (scene.near_plane.0, NearPlane::default().0);
+            notes.push(format!(
+                "only .instgs and .html keep the scene's near plane, {near}: elsewhere pictures may begin at {usual}; here, --near \
+                 {near} draws it"
+            ));
+        }
         let (levels, current) = (scene.fitted_levels.len(), scene.current_levels().len());
         match format {
-            ExportFormat::Instgs(Pack::Small) if levels > 0 => notes.push(
+            ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small) if levels > 0 => notes.push(
                 "optimised levels of detail are not part of small files; instgs-vk levels makes them again".into(),
             ),
             ExportFormat::Instgs(_) if current < levels => notes.push(format!(

@@ -53,23 +53,25 @@ fn left_by_line(line: &str, mount: &Path) -> Option<u64> {
     groups.filter_map(|group| left_in(group, files)).min()
 }
 
-/// What a group leaves of its limit, bytes; `None` if it has none. Pages of files that are not in use are given up at once.
+/// What a group leaves of its limit, bytes; `None` if it has none. What the system gives up when memory is wanted counts as left.
 fn left_in(group: &Path, [limit, usage]: [&str; 2]) -> Option<u64> {
     // Without a limit the text is "max" (version 2).
     let bytes = |file: &str| text_of(&group.join(file))?.trim().parse::<u64>().ok();
     let limit = bytes(limit)?;
-    let unused_pages = text_of(&group.join("memory.stat")).map_or(0, |text| unused_pages_of(&text));
-    Some(limit.saturating_sub(bytes(usage).unwrap_or(0).saturating_sub(unused_pages)))
+    let given_up = text_of(&group.join("memory.stat")).map_or(0, |text| given_up_of(&text));
+    Some(limit.saturating_sub(bytes(usage).unwrap_or(0).saturating_sub(given_up)))
 }
 
-/// Parses the text of a group's `memory.stat`: bytes of files in memory that have not been in use for a while. Version 1 has two
-/// numbers, of which `total_` includes the groups below, as the usage does.
-fn unused_pages_of(text: &str) -> u64 {
+/// Parses the text of a group's `memory.stat`: bytes of files in memory, and of the kernel's own notes, that are given up when memory
+/// is wanted, as those of `MemAvailable` are. Version 1 has two numbers of each, of which `total_` includes the groups below, as the
+/// usage does.
+fn given_up_of(text: &str) -> u64 {
     let bytes = |name: &str| {
         let number = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '))?;
         number.trim().parse::<u64>().ok()
     };
-    bytes("total_inactive_file").or_else(|| bytes("inactive_file")).unwrap_or(0)
+    let of = |name: &str| bytes(&format!("total_{name}")).or_else(|| bytes(name)).unwrap_or(0);
+    ["inactive_file", "active_file", "slab_reclaimable"].map(of).into_iter().fold(0, u64::saturating_add)
 }
 
 /// Bytes of a Gaussian in memory.

@@ -4,6 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::pages;
+use crate::scene_small::SUFFIX;
 use crate::small::CODED;
 
 /// A longer header is not that of a scene.
@@ -46,7 +47,7 @@ fn packing_of(path: &Path) -> Option<Packing> {
     let quarter = ["offset.means", "offset.sh_dc", "offset.opacity_logits"].map(dtype).contains(&"U8");
     let half = ["template.sh", "background.sh", "offset.sh_dc"].map(dtype).contains(&"F16");
     let pack = match () {
-        () if header.keys().any(|name| name.ends_with(CODED)) => Some("small"),
+        () if header.keys().any(|name| name.ends_with(CODED) || name.ends_with(SUFFIX)) => Some("small"),
         () if quarter => Some("q8"),
         () if half => Some("f16"),
         () => None,

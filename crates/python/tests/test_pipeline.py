@@ -104,6 +104,8 @@ def test_the_stages_give_what_a_whole_run_gives(data, cloud, segmented, tmp_path
     other.edit("move", 0, by=(1, 0, 0))
     with pytest.raises(instgs.Error, match="began with another scene"):
         again.joint(other)
+    # The one that it began with: all of it is done already.
+    assert again.joint(merged.scene).report["steps"] == trained.report["steps"]
 
 
 def test_objects_are_registered_without_groups(data, cloud, segmented, tmp_path):

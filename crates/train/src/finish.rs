@@ -66,8 +66,8 @@ pub struct FinishJob<'a> {
     pub picture_psnr_db: f64,
     /// The data set with the photos.
     pub data: &'a Path,
-    /// The configuration of the scene's training: it says what photos show and how they are drawn (their width, masks of pixels, the
-    /// colour behind all splats). Steps and rates are not taken from it.
+    /// The configuration of the scene's training: it says what photos show (their width, masks of pixels, the
+    /// colour behind all splats); the near plane and the pixel filter are the scene's. Steps and rates are not taken from it.
     pub config: &'a TrainConfig,
     /// The file that is to be written; only used in messages.
     pub to: &'a Path,
@@ -213,7 +213,9 @@ impl Steps {
             runner,
             order: ViewOrder::new(SEED, views.len()),
             views,
-            options: train_options(config, [0.0; 3]).filtered(scene.pixel_filter),
+            // The near plane and the filter are the scene's, as its sensitivity was measured with them and its file keeps them.
+            options: RenderOptions { near: scene.near_plane.0, ..train_options(config, [0.0; 3]) }
+                .filtered(scene.pixel_filter),
             config: config.clone(),
             sh_degree: scene.sh_degree(),
             extent: data.extent,

@@ -75,6 +75,10 @@ fn cloud_of(path: &Path, scene: &InstancedScene, config: &TrainConfig) -> Result
         let (before, now) = (trained.dilation_px2, now.dilation_px2);
         warn(format!("was trained with a dilation of {before} px^2, not {now}; see --set dilation={before}"));
     }
+    if scene.near_plane != config.near_plane() {
+        let (before, now) = (scene.near_plane.0, config.near);
+        warn(format!("was trained with a near plane at {before}, not {now}; see --set near={before}"));
+    }
     let mut cloud = scene.flatten();
     if cloud.is_empty() {
         return Err(IoError::new(path, "has no Gaussians to start from"));

@@ -97,6 +97,8 @@ struct Run<'a> {
     clock: Clock,
     /// What the log has of an earlier process.
     past: Past,
+    /// The step of the checkpoint that was read or written last.
+    kept_at: Option<u64>,
     files: &'a RunFiles,
 }
 
@@ -274,6 +276,7 @@ fn evaluated(step: u64, report: &EvalReport) -> Event {
 impl<'a> Run<'a> {
     fn new(gpu: &'a Arc<Gpu>, job: &'a TrainJob, files: &'a RunFiles, begin: Begin<'a>) -> Result<Self, TrainError> {
         let Begin { data, variant, start, views, past } = begin;
+        let kept_at = (start.step > 0).then_some(start.step);
         let config = &job.config;
         let mut runner = StepRunner::new(gpu, variant, views.largest_px(), true)?;
         let LogState { losses, room } = start.log;
@@ -296,6 +299,7 @@ impl<'a> Run<'a> {
             times: StepTimes::default(),
             clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses },
             past,
+            kept_at,
             files,
         })
     }
@@ -422,6 +426,7 @@ impl<'a> Run<'a> {
         let room = (saving != Saving::Failed).then_some(Room { intersections, largest_px });
         LogState { losses: self.clock.losses.clone(), room }.put(&mut state);
         let path = checkpoint::save(&folder, &state)?;
+        self.kept_at = Some(done);
         checkpoint::prune(&folder, checkpoint::KEEP)?;
         Ok(path)
     }
@@ -456,7 +461,7 @@ impl<'a> Run<'a> {
     /// Saves the state after `step` steps, unless a checkpoint has it, and returns the error with the step and the checkpoint.
     fn given_up(&mut self, step: u64, error: TrainError, sink: &mut dyn EventSink) -> TrainError {
         let there = self.job.folder().checkpoints().join(checkpoint::file_name(step));
-        let saved = sink.flush().ok().and_then(|()| match there.is_file() {
+        let saved = sink.flush().ok().and_then(|()| match self.kept_at == Some(step) && there.is_file() {
             // It also knows the room that its steps needed.
             true => Some(there),
             false => self.save_checkpoint(step, Saving::Failed).ok(),

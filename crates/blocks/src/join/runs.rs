@@ -95,13 +95,16 @@ pub(super) fn check_alike(plan: &Plan, scenes: &[InstancedScene]) -> Result<(), 
         clouds.into_iter().filter(|cloud| !cloud.is_empty()).map(|cloud| cloud.sh_degree).collect::<Vec<u32>>()
     };
     let Some(degree) = scenes.iter().flat_map(degrees).next() else { return Ok(()) };
-    let filter = scenes[0].pixel_filter;
-    let fits = |scene: &InstancedScene| scene.pixel_filter == filter && degrees(scene).iter().all(|&d| d == degree);
+    let drawn_with = |scene: &InstancedScene| (scene.pixel_filter, scene.near_plane);
+    let (filter, near) = drawn_with(&scenes[0]);
+    let fits =
+        |scene: &InstancedScene| drawn_with(scene) == (filter, near) && degrees(scene).iter().all(|&d| d == degree);
     let Some((scene, block)) = scenes.iter().zip(&plan.blocks).find(|(scene, _)| !fits(scene)) else { return Ok(()) };
     let what = format!(
-        "has SH degrees {:?} and {:?}, where other blocks have {degree} and {filter:?}",
+        "has SH degrees {:?}, {:?} and {:?}, where other blocks have {degree}, {filter:?} and {near:?}",
         degrees(scene),
-        scene.pixel_filter
+        scene.pixel_filter,
+        scene.near_plane
     );
     let advice = format!("train all blocks, {} to {}, with one configuration", first.name, last.name);
     Err(IoError::new(Path::new(&block.name), what).advise(advice))

@@ -102,10 +102,15 @@ fn chunks<'a>(bytes: &'a [u8], path: &'a Path) -> Result<(&'a [u8], &'a [u8]), I
     Ok((json, binary))
 }
 
-/// Checks that a file requires no extension that is not read.
+/// Checks that a file requires no extension that is not read, but for those of other things than Gaussians: how triangles look, and
+/// lamps.
 fn check_required(document: &Document, path: &Path) -> Result<(), IoError> {
+    const OF_OTHER_THINGS: [&str; 3] = ["KHR_materials_", "KHR_texture_", "KHR_lights_"];
     let mut required = document.extensions_required.iter();
-    let Some(name) = required.find(|name| !READ_EXTENSIONS.contains(&name.as_str())) else { return Ok(()) };
+    let is_in_the_way = |name: &&String| {
+        !READ_EXTENSIONS.contains(&name.as_str()) && !OF_OTHER_THINGS.iter().any(|begin| name.starts_with(begin))
+    };
+    let Some(name) = required.find(is_in_the_way) else { return Ok(()) };
     let what = format!("requires the extension {name}, which is not read");
     let error = IoError::new(path, what).at(Place::Field("extensionsRequired".into()));
     Err(error.advise(if name.contains(COMPRESSION) {

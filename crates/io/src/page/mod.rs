@@ -19,7 +19,7 @@ use glam::DVec3;
 use crate::scene_pack::Pack;
 use crate::scene_write::{packed_scene_file_bytes, planned_scene_file_bytes};
 use crate::small::SmallPlan;
-use crate::{IoError, atomic_write};
+use crate::{IoError, RunFolder, atomic_write, read_cameras};
 use base85::base85;
 use instgs_vk::scene::camera::Camera;
 use instgs_vk::scene::instanced_scene::InstancedScene;
@@ -74,6 +74,16 @@ pub struct PageOptions<'a> {
     pub camera: Option<&'a Camera>,
     /// Unit vector that points up in the picture, world frame.
     pub up: DVec3,
+}
+
+/// The training cameras of the run folder that a scene lies in, the first of which its page begins with; none if there is no file of
+/// them.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn cameras_beside(scene: &Path) -> Result<Vec<Camera>, IoError> {
+    let file = RunFolder::new(scene.parent().unwrap_or(Path::new("."))).cameras();
+    if file.is_file() { read_cameras(&file) } else { Ok(Vec::new()) }
 }
 
 impl<'a> PageOptions<'a> {

@@ -23,7 +23,7 @@ const FIXED_SH: f32 = 0.02;
 const FIXED_MEAN_PER_SIZE: f64 = 1.0 / 16.0;
 /// An axis counts as at least this part of the longest one when a position's step is sought: what is thinner is a sheet or a
 /// thread, of which the picture shows the breadth. Without it a flat Gaussian (a log scale of -87) has steps that nobody can see.
-const THINNEST: f64 = 0.01;
+const THINNEST: f64 = 1e-3;
 /// Offsets are spread over more values than what they change, and many: their steps are twice those.
 const OFFSETS: f32 = 2.0;
 

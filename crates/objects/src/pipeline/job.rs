@@ -28,13 +28,15 @@ impl PipelineJob {
         RunFolder::new(&self.out)
     }
 
-    /// Fails if results would be written among the photos: `groups.json` and `masks/` are names that data sets use as well.
+    /// Fails if a new run would write among the photos: `groups.json` and `masks/` are names that data sets use as well. A run that
+    /// has begun there goes on.
     ///
     /// # Errors
     /// The run folder is the data set's.
     pub fn check_folders(&self) -> Result<(), IoError> {
         let [data, out] = [&self.data, &self.out].map(|path| path.canonicalize().ok());
-        if data.is_some() && data == out {
+        let goes_on = self.resume && self.folder().trace_of_run().is_some();
+        if data.is_some() && data == out && !goes_on {
             let error = IoError::new(&self.out, "is the folder of the data set, whose files a run would replace");
             return Err(error.advise("choose another folder for the run, for instance one in it"));
         }
@@ -80,6 +82,10 @@ mod tests {
         std::fs::create_dir(data.path().join("run"))?;
         assert!(job(data.path().join("run"))?.check_folders().is_ok());
         assert!(job(data.path().join("run/.."))?.check_folders().is_err());
+        let begun = PipelineJob { resume: true, ..job(data.path().into())? };
+        assert!(begun.check_folders().is_err());
+        std::fs::create_dir(data.path().join("vanilla"))?;
+        assert!(begun.check_folders().is_ok() && job(data.path().into())?.check_folders().is_err());
         Ok(())
     }
 }

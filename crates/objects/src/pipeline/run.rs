@@ -15,7 +15,9 @@ use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
 use super::prepare::{Prepared, prepare};
 use instgs_io::json::read_json;
-use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, load_scene, write_ply, write_scene_file};
+use instgs_io::{
+    Dataset, IoError, RunFolder, Split, atomic_write, copy_file, load_scene, read_bytes, write_ply, write_scene_file,
+};
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
 use instgs_train::given::{GivenCloud, given_cloud};
@@ -46,7 +48,7 @@ const OF_JOINT_PHASE: [&str; 15] = [
 ];
 
 /// Prefixes of the keys that a plain cloud does not depend on. That `steps` are the same is found otherwise: more of them go on.
-const NOT_OF_PLAIN_CLOUD: [&str; 19] = [
+const NOT_OF_PLAIN_CLOUD: [&str; 20] = [
     "steps",
     "method",
     "offsets.",
@@ -55,6 +57,8 @@ const NOT_OF_PLAIN_CLOUD: [&str; 19] = [
     "background_rates.",
     "offset_rates.",
     "pose_rates.",
+    // Photos that are missing are found by comparing the data set.
+    "skip_missing",
     "groups",
     "masks",
     "boxes",
@@ -289,17 +293,25 @@ fn checked(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Vec<String>
     Ok(warnings)
 }
 
-/// A run that resumes keeps a plain cloud of so many steps, so what that was trained with must be unchanged.
+/// A run that resumes keeps a plain cloud of so many steps, so what that was trained with must be unchanged. Once objects are found,
+/// [`check_same_stages`] sees to that.
 fn check_same_cloud(job: &PipelineJob) -> Result<(), PipelineError> {
     let phase = job.cloud_phase();
     let (run, steps) = (phase.folder(), phase.config.train.steps);
     let is_given = job.config.train.init_scene.is_some();
     let is_kept = job.resume && !is_given && finished_training(&run)?.is_some_and(|facts| facts.steps == steps);
-    if !is_kept || !run.config().is_file() {
+    if !is_kept || is_segmented(&job.folder()) || !run.config().is_file() {
         return Ok(());
     }
     let earlier: RunConfig = ConfigBuilder::new().run_file(&run.config())?.finish()?;
-    let matters = |key: &str| !NOT_OF_PLAIN_CLOUD.iter().any(|free| key.starts_with(free));
+    // Keys that an older version did not write are not what was changed.
+    let text = String::from_utf8(read_bytes(&run.config())?).unwrap_or_default();
+    let written: toml::Table = text.parse().unwrap_or_default();
+    let is_written = |key: &str| match key.split_once('.') {
+        Some((section, name)) => written.get(section).is_some_and(|section| section.get(name).is_some()),
+        None => written.contains_key(key),
+    };
+    let matters = |key: &str| is_written(key) && !NOT_OF_PLAIN_CLOUD.iter().any(|free| key.starts_with(free));
     let changed = earlier.differences(&phase.config)?.into_iter().find(|(key, ..)| matters(key));
     let Some((key, was, now)) = changed else { return Ok(()) };
     let what = format!("its plain cloud was trained with {key} = {was}, and the run cannot continue with {now}");

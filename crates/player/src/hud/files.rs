@@ -24,6 +24,14 @@ pub(crate) struct FilePanel {
     no_dialog: bool,
 }
 
+/// True if Enter went down, and is not just held: a key that is held is no answer to a question.
+fn enter_was_pressed(input: &egui::InputState) -> bool {
+    let is_enter = |event: &egui::Event| {
+        matches!(event, egui::Event::Key { key: egui::Key::Enter, pressed: true, repeat: false, .. })
+    };
+    input.events.iter().any(is_enter)
+}
+
 impl FilePanel {
     /// True while the system's dialog is open.
     pub(crate) fn waits(&self) -> bool {
@@ -94,7 +102,7 @@ impl FilePanel {
             ui.label(texts::FILE);
             let field = ui.add(TextEdit::singleline(text).desired_width(WIDTH));
             // Enter takes the focus from the field, which must not get it back before that is seen.
-            done |= field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
+            done |= field.lost_focus() && ui.input(enter_was_pressed);
             if !done && ui.memory(|memory| memory.focused().is_none()) {
                 field.request_focus();
             }

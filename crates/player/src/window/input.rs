@@ -200,6 +200,10 @@ impl Live {
     }
 
     fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
+        if repeats && self.input.asked.is_some() {
+            // A key that is held is no answer.
+            return Ok(After::Nothing);
+        }
         self.input.controls.typed();
         self.hud.message = None;
         let (control, shift) = (self.input.controls.control, self.input.controls.shift);

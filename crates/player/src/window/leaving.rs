@@ -18,10 +18,23 @@ pub(super) enum Asked {
     Replace(PathBuf),
 }
 
+/// Keys that mean nothing by themselves.
+const MODIFIERS: [KeyCode; 8] = [
+    KeyCode::ControlLeft,
+    KeyCode::ControlRight,
+    KeyCode::ShiftLeft,
+    KeyCode::ShiftRight,
+    KeyCode::AltLeft,
+    KeyCode::AltRight,
+    KeyCode::SuperLeft,
+    KeyCode::SuperRight,
+];
+
 impl Asked {
-    /// True if a key, with Ctrl or Shift held, may be the answer, so that the question stays.
+    /// True if a key, with Ctrl or Shift held, may be the answer, or is one that is held for it, so that the question stays.
     pub(super) fn stays_at(&self, code: KeyCode, control: bool, shift: bool) -> bool {
         match self {
+            _ if MODIFIERS.contains(&code) => true,
             Self::Unsaved(_) => code == KeyCode::Escape,
             Self::Replace(_) => code == KeyCode::KeyS && control && !shift,
         }
@@ -121,6 +134,8 @@ mod tests {
             (KeyCode::KeyS, true, true, [false, false]),
             (KeyCode::KeyS, false, false, [false, false]),
             (KeyCode::KeyA, true, false, [false, false]),
+            (KeyCode::ControlLeft, true, false, [true, true]),
+            (KeyCode::AltRight, false, false, [true, true]),
         ] {
             let got = [&leaves, &replaces].map(|asked| asked.stays_at(code, control, shift));
             assert_eq!(got, stay, "{code:?} {control} {shift}");

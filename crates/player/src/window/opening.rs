@@ -25,12 +25,13 @@ use crate::texts;
 use crate::ui_painter::UiPainter;
 use crate::views::View;
 use instgs_console::opened::OpenedScene;
-use instgs_io::{IoError, read_cameras};
+use instgs_io::IoError;
+use instgs_io::page::cameras_beside;
 use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
 use instgs_vk::kernels::open_tuned;
 use instgs_vk::render::Show;
+use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{Camera, InstancedScene};
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
@@ -136,7 +137,7 @@ impl Live {
         let scene = opened.scene();
         let orbit = Orbit::around(scene, job.up.or_else(|| vertical_of(&self.camera.data_views.list)));
         self.camera.home = Navigator::around(&orbit);
-        let taken = || cameras_of_run(&self.session.path).ok()?.into_iter().next();
+        let taken = || cameras_beside(&self.session.path).ok()?.into_iter().next();
         let (data, kept) = (self.camera.data_views.list.first(), self.camera.kept.list.first());
         if let Some(camera) = data.or(kept).cloned().or_else(taken) {
             let camera = &camera;
@@ -198,15 +199,6 @@ fn viewer_of(gpu: &Arc<Gpu>, job: &WindowJob) -> Result<SceneViewer, PlayerError
     let mut viewer = SceneViewer::new(gpu, InstancedScene::default(), job.options)?;
     viewer.waits_for_pages = job.frames.is_some();
     Ok(viewer)
-}
-
-/// The training cameras of the run folder that a scene is in; none if it is in no such folder.
-///
-/// # Errors
-/// The file of the cameras cannot be read.
-pub(super) fn cameras_of_run(scene: &Path) -> Result<Vec<Camera>, IoError> {
-    let file = scene.with_file_name("cameras.json");
-    if file.exists() { read_cameras(&file) } else { Ok(Vec::new()) }
 }
 
 /// Opens a device for a window, and makes its swapchain and the painter of the overlay.

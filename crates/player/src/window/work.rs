@@ -11,13 +11,13 @@ use std::time::Duration;
 use glam::{DQuat, DVec3};
 
 use super::leaving::is_same_file;
-use super::opening::cameras_of_run;
 use super::{Live, WindowJob};
 use crate::actions::Take;
 use crate::error::PlayerError;
 use crate::recording::{PATH_FPS, Recording};
 use crate::texts;
 use instgs_console::opened::OpenedScene;
+use instgs_io::page::cameras_beside;
 use instgs_io::{
     ExportFormat, ExportedScene, IoError, Pack, PageOptions, atomic_write, export_scene, locked_temporary,
     packing_lost, page_text, save_scene,
@@ -320,7 +320,7 @@ impl Writing {
     /// Writes a page, which has the name of its file within, and returns notes about it. It begins at the first training camera
     /// if the scene lies in the folder of its run, as `instgs-vk export` has it.
     fn write_page(&self, pack: Pack) -> Written {
-        let (cameras, notes) = match cameras_of_run(&self.from) {
+        let (cameras, notes) = match cameras_beside(&self.from) {
             Ok(cameras) => (cameras, Vec::new()),
             Err(error) => (Vec::new(), vec![texts::page_without_cameras(&error)]),
         };

@@ -129,7 +129,7 @@ pub const KEYS: [Key; 107] = [
     key("joint.decay_steps", Whole(0, STEPS_MAX)),
     key("joint.prune_opacity", RealBelow(0.0, 1.0)),
     key("joint.grow_fraction", Real(0.0, 1.0)),
-    key("joint.max_expanded", RealAbove(0.0, 1e3)),
+    key("joint.max_expanded", Real(0.0, 1e3)),
     key("joint.own_share", Real(0.0, 1.0)),
     key("joint.color_matrix_rate", Real(0.0, RATE_MAX)),
     key("template_rates.means", Real(0.0, RATE_MAX)),

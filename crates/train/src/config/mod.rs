@@ -387,6 +387,13 @@ impl Configuration for TrainConfig {
         ] {
             require(densify.recycle == 0.0 || rate > 0.0, name, "above 0 with", "densify.recycle")?;
         }
+        let room = f64::from(self.max_gaussians) * self.joint.max_expanded;
+        require(
+            self.joint.grow_fraction == 0.0 || room >= 1.0,
+            "joint.max_expanded",
+            "above 0 with",
+            "joint.grow_fraction",
+        )?;
         require(
             self.init != Init::Random || self.init_scene.is_some() || self.init_count <= self.max_gaussians,
             "init_count",

@@ -74,7 +74,8 @@ fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError>
         Source::Folder(folder) => Ok(folder.clone()),
         Source::Synth { recipe, seed, instances, differences } => {
             let [width, height] = evidence.size.pixels;
-            let folder = evidence.out.join("data").join(format!("{}_{width}x{height}_{}", job.name, evidence.size.views));
+            let folder =
+                evidence.out.join("data").join(format!("{}_{width}x{height}_{}", job.name, evidence.size.views));
             let options = dataset::Options {
                 views: evidence.size.views,
                 size: (width, height),
