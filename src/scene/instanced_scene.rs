@@ -135,6 +135,11 @@ impl InstancedScene {
         self.templates.len() + self.own.len() + self.background.len()
     }
 
+    /// True if another template has some of the Gaussians of template `t`.
+    pub fn shares_gaussians(&self, t: usize) -> bool {
+        self.template_ranges.iter().filter(|other| self.template_ranges[t].overlaps(**other)).count() > 1
+    }
+
     /// The own Gaussians of instance `k`.
     pub fn own_range(&self, k: usize) -> SourceRange {
         self.own_ranges.get(k).copied().unwrap_or_default()

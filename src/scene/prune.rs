@@ -25,23 +25,22 @@ impl InstancedScene {
         self.keep_templates(&keep, dropped)
     }
 
-    /// Removes template Gaussians whose opacity, offset included, is below `opacity_min` in every instance, and
-    /// own and background Gaussians of lower opacity; returns their number. Up to 1/255 no picture changes: blending skips
-    /// them. Templates without instances are not changed.
+    /// Removes template Gaussians whose opacity, offset included, is below `opacity_min` in every instance of every template
+    /// that has them, and own and background Gaussians of lower opacity; returns their number. Up to 1/255 no picture changes:
+    /// blending skips them. Templates without instances are not changed.
     pub fn prune_transparent(&mut self, opacity_min: f64) -> usize {
         // Written as >=, so that NaN counts as transparent.
         let seen = |logit: f32| sigmoid(f64::from(logit)) >= opacity_min;
         let mut keep = vec![true; self.templates.len()];
+        self.template_ranges.iter().for_each(|range| keep[range.indices()].fill(false));
+        // Templates may share Gaussians: these stay if they have to in any of them.
         for (t, range) in self.template_ranges.iter().enumerate() {
-            let run = range.first as usize..(range.first + range.count) as usize;
-            let of_template = || self.instances.iter().filter(|i| i.template as usize == t);
-            if of_template().next().is_none() {
-                continue;
-            }
-            for (j, keep) in keep[run.clone()].iter_mut().enumerate() {
-                let logit = self.templates.opacity_logits[run.start + j];
+            let users: Vec<_> = self.instances.iter().filter(|i| i.template as usize == t).collect();
+            for (j, keep) in keep[range.indices()].iter_mut().enumerate() {
+                let logit = self.templates.opacity_logits[range.first as usize + j];
                 let offset = |first: u32| self.offsets.opacity_logits[first as usize + j];
-                *keep = of_template().any(|i| seen(logit + i.first_offset.map_or(0.0, offset)));
+                let is_seen = || users.iter().any(|i| seen(logit + i.first_offset.map_or(0.0, offset)));
+                *keep |= users.is_empty() || is_seen();
             }
         }
         let before = self.background.len();
@@ -204,6 +203,27 @@ mod tests {
         scene.instances.clear();
         assert_eq!(scene.prune_transparent(0.003), 1);
         assert_eq!(scene.templates.len(), 3);
+        Ok(())
+    }
+
+    /// Gaussian 2 is transparent in all instances of one template, and visible in those of the other, in either order.
+    #[test]
+    fn what_another_template_shows_stays() -> Result<(), Box<dyn std::error::Error>> {
+        for swapped in [false, true] {
+            let mut scene = sample();
+            scene.template_ranges[1] = SourceRange { first: 2, count: 2 };
+            if swapped {
+                scene.template_ranges.swap(0, 1);
+                scene.instances.iter_mut().for_each(|instance| instance.template = 1 - instance.template);
+            }
+            let mut unused = scene.clone();
+            unused.instances.retain(|instance| scene.template_ranges[instance.template as usize].first == 0);
+            for mut scene in [scene, unused] {
+                assert_eq!(scene.prune_transparent(0.003), 2, "Gaussian 1 and one of the background");
+                scene.validate()?;
+                assert_eq!(scene.templates.means, [[0.0; 3], [2.0; 3], [3.0; 3], [4.0; 3]]);
+            }
+        }
         Ok(())
     }
 }

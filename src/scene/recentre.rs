@@ -11,19 +11,20 @@ impl InstancedScene {
     /// small differences, and a copy without offsets shows the Gaussian out of place.
     ///
     /// Quaternions stay, since a template's quaternion plus a mean may be zero. Templates with an instance without
-    /// offsets stay, and all templates do if runs of records overlap partially.
+    /// offsets stay, as do those that share Gaussians with another, and all templates do if runs of records overlap
+    /// partially.
     pub fn recentre_offsets(&mut self) {
         if self.runs_overlap() {
             return;
         }
         for t in 0..self.template_ranges.len() {
             let of_template = || self.instances.iter().filter(|instance| instance.template as usize == t);
-            if of_template().any(|instance| instance.first_offset.is_none()) {
+            let range = self.template_ranges[t];
+            if self.shares_gaussians(t) || of_template().any(|instance| instance.first_offset.is_none()) {
                 continue;
             }
             let runs: BTreeSet<usize> =
                 of_template().filter_map(|i| i.first_offset).map(|first| first as usize).collect();
-            let range = self.template_ranges[t];
             for j in 0..range.count as usize {
                 self.recentre(range.first as usize + j, &runs.iter().map(|first| first + j).collect::<Vec<_>>());
             }
@@ -153,6 +154,15 @@ mod tests {
         let again = scalars(&once.flatten()).iter().zip(scalars(&scene.flatten())).all(|(a, b)| (a - b).abs() < 4e-6);
         assert!(again);
         Ok(())
+    }
+
+    #[test]
+    fn templates_that_share_gaussians_stay() {
+        let mut scene = sample();
+        scene.template_ranges[1] = SourceRange { first: 2, count: 2 };
+        let before = scene.clone();
+        scene.recentre_offsets();
+        assert_eq!(scene, before);
     }
 
     #[test]

@@ -48,8 +48,7 @@ impl InstancedScene {
         for (t, range) in self.template_ranges.iter().enumerate() {
             let users: Vec<usize> =
                 (0..self.instances.len()).filter(|&k| self.instances[k].template as usize == t).collect();
-            let alone = self.template_ranges.iter().filter(|other| range.overlaps(**other)).count() == 1;
-            if users.len() < 2 || !alone {
+            if users.len() < 2 || self.shares_gaussians(t) {
                 continue;
             }
             let single_user = |local: usize| {

@@ -195,6 +195,34 @@ fn ranges_are_as_small_as_it_takes() {
     assert_silent(&gpu);
 }
 
+/// The times of a frame in ranges include those of the passes that only count, also of ranges that turn out too large.
+#[test]
+fn counting_is_part_of_the_times_of_ranges() {
+    let Some(gpu) = gpu() else { return };
+    let (mut balls, camera) = wall(400);
+    balls.instances.remove(0);
+    let mut renderer = Renderer::profiled(&gpu).unwrap();
+    let scene = renderer.upload(&balls).unwrap();
+    let whole = RenderOptions::default();
+    let all = renderer.render(&scene, &camera, &whole).unwrap();
+    if all.total_ms().is_none() {
+        return println!("skipped: the queue has no timestamps");
+    }
+    let few = RenderOptions { max_chunks: Some((all.work_items / 2) as u32), ..whole };
+    renderer.forget_picture();
+    // The second is drawn in ranges from the start.
+    for _ in 0..2 {
+        let stats = renderer.render(&scene, &camera, &few).unwrap();
+        assert!(stats.in_ranges && stats.layers > 1);
+        let count = |pass: &str| stats.passes_ms.iter().filter(|(name, _)| *name == pass).count() as u32;
+        assert_eq!([count("cull_instances"), count("layer_histogram"), count("plan_layers")], [1; 3]);
+        // All chunks together do not fit, so that one range at least was counted and then divided.
+        assert!(count("cull_chunks") > stats.layers, "{} of {} ranges", count("cull_chunks"), stats.layers);
+        assert!(count("close_tiles") >= stats.layers - 1);
+    }
+    assert_silent(&gpu);
+}
+
 /// Where memory runs out before bindings do, a frame is drawn in depth slabs and ranges, too.
 #[test]
 fn little_memory_leads_to_ranges() {

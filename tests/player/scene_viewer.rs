@@ -405,6 +405,28 @@ fn every_view_looks_its_own_way_and_picks_the_same() {
     assert_silent(&gpu);
 }
 
+/// Also before a frame shows the edit, which may have given instances other numbers.
+#[test]
+fn clicks_right_after_an_edit_find_the_instances_of_now() {
+    let Some(gpu) = gpu() else { return };
+    let scene = chairs();
+    let navigator = Navigator::around(&Orbit::around(&scene, None));
+    let camera = navigator.camera([192, 128]);
+    let mean = DVec3::from_array(scene.templates.means[2].map(f64::from));
+    let at = camera.pixel_of(scene.instances[1].world_from_template.transform_point(mean)).unwrap();
+    // With ids in the frame.
+    let options = ViewerOptions { show: View::Instances.show(navigator.distance()), ..ViewerOptions::default() };
+    let mut viewer = SceneViewer::new(&gpu, scene, options).unwrap();
+    viewer.draw(&camera).unwrap();
+    assert_eq!(viewer.instance_at(at).unwrap(), Some(1));
+    viewer.edit(&Edit::Delete { which: Selector::Index(0) }).unwrap();
+    assert_eq!(viewer.instance_at(at).unwrap(), Some(0));
+    viewer.draw(&camera).unwrap();
+    assert!(undo(&mut viewer));
+    assert_eq!(viewer.instance_at(at).unwrap(), Some(1));
+    assert_silent(&gpu);
+}
+
 /// What the device has no room for is not done or done without, in words: the pictures are those of before.
 #[test]
 fn what_does_not_fit_is_done_without() {
@@ -459,6 +481,44 @@ fn what_does_not_fit_is_done_without() {
     let (got, words) = picture(&mut viewer);
     assert!(got == in_full && viewer.editor().chosen().is_empty());
     assert!(words.is_some_and(|words| words.starts_with("the selection was cleared: out of device memory")));
+    assert_silent(&gpu);
+}
+
+/// Views and selections whose frames would have to be divided, which only those of colours are, are done without, too.
+#[test]
+fn what_cannot_be_divided_is_done_without() {
+    let Some(gpu) = gpu() else { return };
+    let navigator = Navigator::around(&Orbit::around(&crowd(), None));
+    let camera = navigator.camera([192, 128]);
+    let render = RenderOptions { lod_error_px: 1e-3, ..RenderOptions::default() };
+    let mut viewer = SceneViewer::new(&gpu, crowd(), ViewerOptions { render, ..ViewerOptions::default() }).unwrap();
+    viewer.draw(&camera).unwrap();
+    let in_full = viewer.rgb8().unwrap();
+    let chunks = viewer.take_arrived().last().unwrap().work_items as u32;
+    // With room for all, so that the next frame goes ahead and is found to be too much only when it has arrived.
+    let instances = View::Instances.show(navigator.distance());
+    viewer.options.show = instances;
+    assert_eq!(viewer.draw_what_fits(&camera).unwrap(), None);
+    assert!(viewer.settle().unwrap() && viewer.options.show == instances);
+    viewer.options.render.max_chunks = Some(chunks - 1);
+    let picture = |viewer: &mut SceneViewer| {
+        let words = viewer.draw_what_fits(&camera).unwrap();
+        viewer.settle().unwrap();
+        let words = words.or(viewer.draw_what_fits(&camera).unwrap());
+        assert_eq!(viewer.draw_what_fits(&camera).unwrap(), None, "told once");
+        (viewer.rgb8().unwrap(), words)
+    };
+    let (got, words) = picture(&mut viewer);
+    assert!(got == in_full && View::of(viewer.options.show) == View::Color);
+    assert!(words.as_ref().is_some_and(|w| w.starts_with("the view is back to colours: visible chunks")), "{words:?}");
+    viewer.editor_mut().click(Some(0), false);
+    let (got, words) = picture(&mut viewer);
+    assert!(got == in_full && viewer.editor().chosen().is_empty());
+    assert!(words.as_ref().is_some_and(|w| w.starts_with("the selection was cleared: visible chunks")), "{words:?}");
+    let error = viewer.instance_at([96.0, 64.0]).unwrap_err();
+    assert!(error.is_too_much() && !error.is_out_of_memory(), "{error}");
+    assert!(picture(&mut viewer) == (in_full, None));
+    assert!(viewer.options.render.lod_error_px > 0.0, "without levels there would be more chunks");
     assert_silent(&gpu);
 }
 

@@ -48,11 +48,22 @@ impl PlayerError {
         self.of_device().is_some_and(GpuError::is_out_of_memory)
     }
 
+    /// True if a frame needs more than the device has memory for or than its buffers can hold. The viewer goes on with a
+    /// view that needs less.
+    pub fn is_too_much(&self) -> bool {
+        self.is_out_of_memory() || matches!(self.of_rendering(), Some(RenderError::TooMany { .. }))
+    }
+
     fn of_device(&self) -> Option<&GpuError> {
+        match (self, self.of_rendering()) {
+            (Self::Gpu(gpu), _) | (_, Some(RenderError::Gpu(gpu))) => Some(gpu),
+            _ => None,
+        }
+    }
+
+    fn of_rendering(&self) -> Option<&RenderError> {
         match self {
-            Self::Gpu(gpu)
-            | Self::Render(RenderError::Gpu(gpu))
-            | Self::Pages(FollowError::Render(RenderError::Gpu(gpu))) => Some(gpu),
+            Self::Render(error) | Self::Pages(FollowError::Render(error)) => Some(error),
             _ => None,
         }
     }

@@ -234,6 +234,27 @@ impl Navigator {
             self.eye = point_world - depth * self.world_from_view.z_axis;
         }
     }
+
+    /// Makes a point the target, wherever it is, and looks at it along a direction from a distance, world units; the horizon
+    /// is level. Numbers that are not finite, and distances that are not positive, are ignored.
+    pub fn look_along(&mut self, target_world: DVec3, along: DVec3, distance: f64) {
+        if !(target_world.is_finite() && distance.is_finite() && distance > 0.0) {
+            return;
+        }
+        let [_, ahead, up] = self.level_axes();
+        let along = along.normalize_or(ahead);
+        let upwards = if along.dot(up).abs() > 0.999 { ahead } else { up };
+        let eye = target_world - distance * along;
+        self.stand_at(&Camera::look_at("view", eye, target_world, upwards, self.fov_y, (16, 9)));
+        self.distance = distance;
+    }
+
+    /// Looks at a ball, wherever it is, in the present direction from where it fills the height of the view; from the present
+    /// distance to the target if its radius is 0.
+    pub fn frame(&mut self, centre_world: DVec3, radius: f64) {
+        let distance = if radius > 0.0 { radius / (0.5 * self.fov_y).sin() } else { self.distance };
+        self.look_along(centre_world, self.world_from_view.z_axis, distance);
+    }
 }
 
 /// Removes the rounding errors that add up over thousands of rotations.
@@ -372,6 +393,37 @@ mod tests {
         assert_eq!(n, here);
         n.set_fov_y(10.0);
         assert_eq!(n.fov_y(), FIELDS_OF_VIEW[1]);
+    }
+
+    #[test]
+    fn framing_shows_a_ball_ahead_or_behind_in_the_same_direction() {
+        let start = navigator();
+        let forward = start.camera(SIZE).rotation().row(2);
+        for depth in [7.0, -9.0] {
+            let centre = start.eye() + depth * forward + DVec3::new(0.5, 2.0, -1.0);
+            let mut n = start.clone();
+            n.frame(centre, 1.5);
+            assert!(near(n.target(), centre) && near(n.camera(SIZE).rotation().row(2), forward), "{depth}");
+            // The edge of the ball is at the edge of the view.
+            assert!((1.5 / n.eye().distance(centre) - (0.5 * n.fov_y()).sin()).abs() < 1e-9);
+            n.frame(start.target(), 0.0);
+            assert!(near(n.target(), start.target()) && (n.distance() - n.eye().distance(n.target())).abs() < 1e-9);
+        }
+        let mut n = start.clone();
+        n.frame(DVec3::NAN, 1.0);
+        n.frame(DVec3::ZERO, f64::INFINITY);
+        assert_eq!(n, start);
+    }
+
+    #[test]
+    fn looking_along_an_axis_is_towards_the_point_that_is_given() {
+        let mut n = navigator();
+        for along in [DVec3::X, -DVec3::Y, DVec3::Z, -DVec3::Z] {
+            let target = n.eye() - 2.0 * n.camera(SIZE).rotation().row(2);
+            n.look_along(target, 3.0 * along, 5.0);
+            n.camera(SIZE).validate().unwrap();
+            assert!(near(n.target(), target) && near(n.eye(), target - 5.0 * along), "{along}");
+        }
     }
 
     #[test]

@@ -8,6 +8,7 @@ use clap::builder::PossibleValue;
 use clap::{Parser, ValueEnum};
 
 use crate::headless::{Timings, play};
+use crate::recording::in_shape;
 use crate::script::{self, Step};
 use crate::swapchain::PresentMode;
 use crate::views::View;
@@ -269,7 +270,7 @@ fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -
     if cameras.is_empty() {
         return Orbit::around(scene, args.up.map(Triple::direction)).cameras(frames.min(100_000) as u32, args.size);
     }
-    cameras.iter().map(|camera| camera.resized(args.size.0, args.size.1)).collect()
+    cameras.iter().map(|camera| in_shape(camera, args.size.into())).collect()
 }
 
 fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]) -> Result<WindowJob, CliError> {
@@ -376,8 +377,18 @@ fn print(args: &PlayerArgs, played: &Played, printer: &Printer) -> Result<(), Cl
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
+    use glam::DVec3;
 
     use super::*;
+
+    #[test]
+    fn views_of_a_data_set_are_not_squeezed_into_the_size() {
+        let args = PlayerArgs::parse_from(["instgs-player", "a.ply", "--size", "64x64"]);
+        let view = Camera::look_at("a", DVec3::X, DVec3::ZERO, DVec3::Z, 0.8, (160, 90));
+        let shown = path_cameras(&args, &InstancedScene::default(), std::slice::from_ref(&view)).remove(0);
+        assert_eq!((shown.width, shown.height, shown.fx), (64, 64, shown.fy));
+        assert!((shown.fy / 64.0 - view.fy / 90.0).abs() < 1e-12 && shown.view_from_world == view.view_from_world);
+    }
 
     #[test]
     fn the_help_names_the_key_and_the_file_that_there_are() {

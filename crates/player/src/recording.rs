@@ -17,6 +17,11 @@ pub struct Recording {
 }
 
 impl Recording {
+    /// The path through cameras at times in seconds, which increase; it moves all the time, however far these are apart.
+    pub fn through(cameras: impl IntoIterator<Item = (f64, Camera)>) -> Self {
+        Self { shown: cameras.into_iter().collect() }
+    }
+
     /// Records the camera of a frame that was shown at a time in seconds; times that do not increase are ignored.
     pub fn push(&mut self, seconds: f64, camera: Camera) {
         let Some((last, still)) = self.shown.last() else { return self.shown.push((seconds, camera)) };
@@ -42,10 +47,10 @@ impl Recording {
         let Some((start, first)) = self.shown.first() else { return Vec::new() };
         // The tolerance keeps a rounding error from adding a sample.
         let pictures = (self.seconds() * PATH_FPS - 1e-6).ceil() as usize + 1;
-        let size = (first.width, first.height);
+        let size = [first.width, first.height];
         let at = |k: usize| {
             let camera = self.at(start + (k as f64 / PATH_FPS).min(self.seconds()));
-            Camera { name: format!("{k:05}"), ..camera.resized(size.0, size.1) }
+            Camera { name: format!("{k:05}"), ..in_shape(&camera, size) }
         };
         (0..pictures).map(at).collect()
     }
@@ -58,9 +63,25 @@ impl Recording {
     }
 }
 
+/// A camera for pictures of another shape: with the same pose, vertical field of view and shape of pixels. The picture shows more
+/// or less at its sides, where [`Camera::resized`] would squeeze or stretch it.
+pub fn in_shape(camera: &Camera, [width, height]: [u32; 2]) -> Camera {
+    let scaled = f64::from(height) / f64::from(camera.height);
+    let from_middle = camera.cx - 0.5 * f64::from(camera.width);
+    Camera {
+        width,
+        height,
+        fx: camera.fx * scaled,
+        fy: camera.fy * scaled,
+        cx: 0.5 * f64::from(width) + from_middle * scaled,
+        cy: camera.cy * scaled,
+        ..camera.clone()
+    }
+}
+
 /// A camera between two, with the first one's image size; `part` is the interpolation weight, 0 to 1.
 fn between(a: &Camera, b: &Camera, part: f64) -> Camera {
-    let b = b.resized(a.width, a.height);
+    let b = in_shape(b, [a.width, a.height]);
     let mix = |x: f64, y: f64| x + part * (y - x);
     let rotation = |camera: &Camera| DQuat::from_mat3(&camera.rotation());
     let turned = DMat3::from_quat(rotation(a).slerp(rotation(&b), part));
@@ -108,6 +129,30 @@ mod tests {
             let worst = worst.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(worst < 1e-9 && (camera.width, camera.fx) == (160, want.fx), "{k}: {worst}");
         }
+    }
+
+    #[test]
+    fn another_shape_squeezes_nothing() {
+        let n = navigator();
+        let camera = n.camera([160, 90]);
+        for size in [[160, 90], [64, 36], [100, 100], [90, 160]] {
+            let shaped = in_shape(&camera, size);
+            let want = n.camera(size);
+            assert_eq!((shaped.width, shaped.height), (size[0], size[1]));
+            assert_eq!((shaped.fx, shaped.view_from_world), (shaped.fy, want.view_from_world), "{size:?}");
+            let off = [shaped.fx - want.fx, shaped.cx - want.cx, shaped.cy - want.cy];
+            assert!(off.iter().all(|px| px.abs() < 1e-9), "{size:?}: {off:?}");
+        }
+        // What a photograph has besides stays: at its own size it is the same camera.
+        let lens = Camera { fx: 1.1 * camera.fx, cx: 77.0, cy: 44.0, ..camera };
+        assert_eq!(in_shape(&lens, [160, 90]), lens);
+        let square = in_shape(&lens, [180, 180]);
+        assert_eq!((square.fx, square.fy, square.cx, square.cy), (2.0 * lens.fx, 2.0 * lens.fy, 84.0, 88.0));
+        // A path has the shape of its first frame, also where the window had another one later.
+        let mut recording = Recording::default();
+        recording.push(0.0, n.camera([160, 90]));
+        recording.push(0.1, n.camera([90, 90]));
+        assert!(recording.cameras().iter().all(|c| c.width == 160 && (c.fx - c.fy).abs() < 1e-9));
     }
 
     /// A jump after a pause stays a jump, and decreasing times are ignored.

@@ -87,6 +87,10 @@ pub struct SceneViewer {
     has_surfaces: bool,
     /// The shape of the marks that belong to the last frame, if any.
     has_marks: Option<MarkShape>,
+    /// True once a frame was asked for that may give up what does not fit: such frames may, too, if they are redrawn.
+    gives_way: bool,
+    /// A notice of what a redrawn frame gave up, until the next frame returns it.
+    given_up: Option<String>,
     editor: Editor,
 }
 
@@ -143,6 +147,8 @@ impl SceneViewer {
             arrived: Vec::new(),
             has_surfaces: false,
             has_marks: None,
+            gives_way: false,
+            given_up: None,
             editor: Editor::default(),
         })
     }
@@ -157,6 +163,7 @@ impl SceneViewer {
         (self.scene, self.options, self.editor) = (InstancedScene::default(), options, Editor::default());
         (self.camera, self.slabs, self.one_submission) = (None, 0, false);
         (self.has_surfaces, self.has_marks, self.awaits_pages) = (false, None, false);
+        self.given_up = None;
         self.arrived.clear();
         self.renderer.forget_picture();
         self.on_device = DrawnScene::whole(&self.renderer, &self.scene, &options.render)?;
@@ -341,13 +348,25 @@ impl SceneViewer {
         Ok(())
     }
 
-    /// Like [`SceneViewer::draw_ahead`]. If the device runs out of memory, falls back to a view that needs less, and returns
-    /// a notice that says which and why.
+    /// Like [`SceneViewer::draw_ahead`]. If the frame needs more than the device has room for, falls back to a view that
+    /// needs less, and returns a notice that says which and why. If that is found out only in [`SceneViewer::settle`], the
+    /// next frame returns the notice.
     pub fn draw_what_fits(&mut self, camera: &Camera) -> Result<Option<String>, PlayerError> {
-        let mut words = self.on_device.take_problem();
+        self.gives_way = true;
+        let earlier = self.given_up.take().or_else(|| self.on_device.take_problem());
+        Ok(self.draw_giving_way(camera, Self::draw_ahead)?.or(earlier))
+    }
+
+    /// Draws a frame, if need be one of a view that needs less; returns a notice in that case.
+    fn draw_giving_way(
+        &mut self,
+        camera: &Camera,
+        draw: impl Fn(&mut Self, &Camera) -> Result<(), PlayerError>,
+    ) -> Result<Option<String>, PlayerError> {
+        let mut words = None;
         loop {
-            match self.draw_ahead(camera) {
-                Err(error) if error.is_out_of_memory() => match self.ask_for_less()? {
+            match draw(self, camera) {
+                Err(error) if error.is_too_much() => match self.ask_for_less(&error)? {
                     Some(instead) => words = Some(format!("{instead}: {error}")),
                     None => return Err(error),
                 },
@@ -356,11 +375,11 @@ impl SceneViewer {
         }
     }
 
-    /// Gives up the next thing that takes memory besides the scene itself and returns a notice; `None` if nothing is
-    /// left to give up.
-    fn ask_for_less(&mut self) -> Result<Option<&'static str>, PlayerError> {
-        // A scene in pages has its levels in any case.
-        if self.options.render.lod_error_px > 0.0 && !self.is_in_pages() {
+    /// After an error of a frame that needs too much, gives up the next thing that takes room besides the scene itself
+    /// and returns a notice; `None` if nothing is left to give up.
+    fn ask_for_less(&mut self, error: &PlayerError) -> Result<Option<&'static str>, PlayerError> {
+        // Levels take memory, but a frame has fewer chunks with them. A scene in pages has its levels in any case.
+        if error.is_out_of_memory() && self.options.render.lod_error_px > 0.0 && !self.is_in_pages() {
             self.options.render.lod_error_px = 0.0;
             self.upload()?;
             return Ok(Some(texts::NO_LEVELS));
@@ -389,7 +408,11 @@ impl SceneViewer {
             complete = self.note(arrived);
         }
         if let Some(camera) = self.camera.clone().filter(|_| !complete) {
-            self.draw(&camera)?;
+            if self.gives_way {
+                self.given_up = self.draw_giving_way(&camera, Self::draw)?.or_else(|| self.given_up.take());
+            } else {
+                self.draw(&camera)?;
+            }
         }
         Ok(complete)
     }
@@ -423,6 +446,8 @@ impl SceneViewer {
             // Nothing of it changes but what is shown.
             return Ok(());
         }
+        // The last frame shows the scene before: its ids may be other instances now.
+        (self.has_surfaces, self.has_marks) = (false, None);
         let options = &self.options.render;
         self.on_device = DrawnScene::whole(&self.renderer, &InstancedScene::default(), options)?;
         self.on_device = DrawnScene::whole(&self.renderer, &self.scene, options)?;

@@ -86,12 +86,13 @@ impl Renderer {
             counters[(COUNTER_LAYER_BEGIN + layer) as usize] = range.begin;
             counters[(COUNTER_LAYER_BEGIN + layer + 1) as usize] = range.end;
             counters[COUNTER_SLAB_BEGIN as usize] = 0;
-            counters = self.submit_counting(scene, camera, options, counters, |recorder, inputs, frame| {
-                if let Some(layers) = inputs.pipelines.layers.as_ref().filter(|_| layer > 0) {
-                    record_close_tiles(recorder, layers, frame)?;
-                }
-                record_chunks(recorder, inputs, frame)
-            })?;
+            counters =
+                self.submit_counting(scene, camera, options, counters, &mut stats, |recorder, inputs, frame| {
+                    if let Some(layers) = inputs.pipelines.layers.as_ref().filter(|_| layer > 0) {
+                        record_close_tiles(recorder, layers, frame)?;
+                    }
+                    record_chunks(recorder, inputs, frame)
+                })?;
             let needed = counters[COUNTER_WORK_ITEMS_NEEDED as usize];
             if needed > most {
                 match range.halves(&bins) {
@@ -137,7 +138,7 @@ impl Renderer {
             self.prepare_frame(scene, camera, options)?;
             let mut counters = [0; COUNTER_COUNT as usize];
             counters[COUNTER_INSTANCES as usize] = scene.instance_count;
-            counters = self.submit_counting(scene, camera, options, counters, record_instances_of_frame)?;
+            counters = self.submit_counting(scene, camera, options, counters, stats, record_instances_of_frame)?;
             scene.changes_submitted();
             let Some(frame) = &self.frame else { unreachable_state() };
             let bins = download(&self.gpu, &frame.layer_bins, LAYER_BINS as usize)?;
@@ -146,16 +147,19 @@ impl Renderer {
                 return Ok((counters, bins));
             }
             stats.redone += 1;
+            stats.passes_ms.clear();
         }
     }
 
-    /// Submits passes that only count, starting from `counters`, and waits; returns the counters after them.
+    /// Submits passes that only count, starting from `counters`, and waits; adds their times to `stats`. Returns the counters
+    /// after them.
     fn submit_counting(
         &mut self,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
         counters: Counters,
+        stats: &mut FrameStats,
         record: impl FnOnce(&mut Recorder, &ForwardInputs<'_>, &mut FrameBuffers) -> Result<(), GpuError>,
     ) -> Result<Counters, RenderError> {
         let (Some(pipelines), Some(frame)) = (self.pipelines.of(Purpose::Layered), &mut self.frame) else {
@@ -169,6 +173,7 @@ impl Renderer {
         record_end(&mut self.recorder, frame)?;
         let ticket = self.recorder.submit()?;
         self.recorder.wait(ticket)?;
+        stats.passes_ms.extend(self.recorder.passes_ms()?);
         Ok(read_counters(frame))
     }
 }

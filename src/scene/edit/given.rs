@@ -6,6 +6,7 @@ use crate::math::sh::widened;
 use crate::scene::edit::membership::{drop_foreign, release};
 use crate::scene::edit::scatter::span;
 use crate::scene::edit::{EditOutcome, EditReason, Selector, checked};
+use crate::scene::gaussians::Gaussians;
 use crate::scene::instanced_scene::{InstancedScene, SourceRange};
 
 /// What places may differ by after they were rounded to f32, as a part of a box's longest side.
@@ -38,7 +39,7 @@ pub(super) fn give(scene: &mut InstancedScene, which: &Selector, margin: f64) ->
     drop_foreign(scene, "own.", &mut outcome);
     drop_foreign(scene, "background.", &mut outcome);
     let mut cloud = scene.background.filtered(|i| given[i]);
-    cloud.set_sh_degree(scene.templates.sh_degree);
+    change_sh_degree(&mut cloud, scene.templates.sh_degree, "the templates have", &mut outcome);
     let cloud = cloud.placed(template_from_world);
     scene.background = scene.background.filtered(|i| !given[i]);
     let old = scene.own.range(scene.own_range(k));
@@ -69,7 +70,7 @@ pub(super) fn take(scene: &mut InstancedScene, which: &Selector) -> Result<EditO
         if scene.background.is_empty() {
             scene.background.sh_degree = cloud.sh_degree;
         }
-        cloud.set_sh_degree(scene.background.sh_degree);
+        change_sh_degree(&mut cloud, scene.background.sh_degree, "the background has", &mut outcome);
         scene.background.append(&cloud);
         scene.own_ranges[k] = SourceRange::default();
         outcome.changed.push(k);
@@ -79,4 +80,13 @@ pub(super) fn take(scene: &mut InstancedScene, which: &Selector) -> Result<EditO
     }
     release(scene, &[], &mut outcome);
     Ok(outcome)
+}
+
+/// Changes the SH degree of Gaussians to that of a cloud they move to, with a warning, given once, if their colours lose bands.
+fn change_sh_degree(cloud: &mut Gaussians, sh_degree: u32, who_has: &str, outcome: &mut EditOutcome) {
+    let text = format!("their colours lose SH bands above {sh_degree}: {who_has} none");
+    if cloud.sh_degree > sh_degree && !outcome.warnings.contains(&text) {
+        outcome.warnings.push(text);
+    }
+    cloud.set_sh_degree(sh_degree);
 }

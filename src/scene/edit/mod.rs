@@ -269,8 +269,8 @@ pub enum EditReason {
         /// Records after the edit.
         total: u64,
     },
-    /// The instance whose offsets are asked for has none, and no own Gaussians.
-    #[error("instance {which} has neither offsets nor own Gaussians")]
+    /// The instance whose offsets are asked for has none, and no own Gaussians or colour matrix.
+    #[error("instance {which} has neither offsets nor own Gaussians, and its template's colours")]
     NoOffsets {
         /// The selector of the instance.
         which: Selector,

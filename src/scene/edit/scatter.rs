@@ -81,14 +81,15 @@ pub enum ScatterOver {
     },
 }
 
-/// Which offsets, and own Gaussians, scattered instances get.
+/// Which offsets, own Gaussians and colour matrix scattered instances get.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OffsetSource {
     /// No offsets: they look like the template.
     None,
-    /// The offsets of an existing instance, shared with it: no memory until one of them is recoloured.
+    /// The offsets of an existing instance, shared with it: no memory until one of them is recoloured. Its own Gaussians are
+    /// shared, too, and its colour matrix is copied.
     Shared(Selector),
-    /// A copy of an existing instance's offsets for each; own Gaussians are shared with it.
+    /// A copy of an existing instance's offsets for each; own Gaussians are shared with it, and its colour matrix is copied.
     Copied(Selector),
 }
 
@@ -131,7 +132,7 @@ pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<E
     Ok(outcome)
 }
 
-/// Index of the instance that new ones take their offsets from; `None` for no offsets.
+/// Index of the instance that new ones take their look from; `None` for that of the template.
 fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<usize>, EditReason> {
     let which = match &scatter.offsets {
         OffsetSource::None => return Ok(None),
@@ -143,7 +144,7 @@ fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<usi
         let (has, wanted) = (source.template, scatter.template);
         return Err(EditReason::OtherOffsets { which: which.clone(), has, wanted });
     }
-    if source.first_offset.is_none() && scene.own_range(k).count == 0 {
+    if scene.looks_like_template(k) {
         return Err(EditReason::NoOffsets { which: which.clone() });
     }
     Ok(Some(k))
@@ -189,13 +190,15 @@ pub(super) fn span(scene: &InstancedScene, template: u32, linear: DMat3, directi
     [at(places.get(strays)), at(places.iter().rev().nth(strays))]
 }
 
-/// The rectangle of the ground that an instance occupies.
+/// The rectangle of the ground that an instance occupies, and its height above.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint {
     /// Centre of the rectangle, world units.
     pub point: DVec3,
     /// Side lengths, world units, along the sides of [`ScatterOver::Plane`].
     pub extent: [f64; 2],
+    /// Extent along the up direction, world units.
+    pub height: f64,
 }
 
 /// The footprint of an instance for an up direction of any length but zero; outliers among its Gaussians are ignored.
@@ -208,11 +211,12 @@ pub fn footprint(scene: &InstancedScene, instance: usize, up: DVec3) -> Footprin
     let span = |direction| span(scene, *template, world_from_template.linear(), direction);
     let sides = sides(up);
     let spans = sides.map(span);
-    let mut point = world_from_template.translation() + up * span(up)[0];
+    let [bottom, top] = span(up);
+    let mut point = world_from_template.translation() + up * bottom;
     for (side, [low, high]) in sides.iter().zip(spans) {
         point += *side * (low + high) / 2.0;
     }
-    Footprint { point, extent: spans.map(|[low, high]| high - low) }
+    Footprint { point, extent: spans.map(|[low, high]| high - low), height: top - bottom }
 }
 
 /// Coordinate along a unit vector of the lower end of an instance, world units, without outliers.

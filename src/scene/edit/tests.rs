@@ -281,6 +281,24 @@ fn colour_matrices_follow_their_instances() {
     assert_eq!((scene.color_from_template[0], scene.color_from_template[1]), (SAME_COLOR, matrix(2)));
 }
 
+/// Chair 2 has neither offsets nor own Gaussians, and a colour matrix is a look of its own.
+#[test]
+fn scattered_instances_take_a_colour_matrix_alone() {
+    let mut before = scene();
+    let mut tinted = SAME_COLOR;
+    tinted[1][3] = 0.5;
+    before.color_from_template = vec![SAME_COLOR; 5];
+    let like_template = plane(2, 0.0, 1, OffsetSource::Shared(which("2")));
+    assert!(apply(&mut before.clone(), &like_template).is_err(), "it looks like the template");
+    before.color_from_template[2] = tinted;
+    for offsets in [OffsetSource::Shared(which("2")), OffsetSource::Copied(which("2"))] {
+        let mut after = before.clone();
+        run(&mut after, plane(2, 0.0, 1, offsets));
+        assert_eq!((after.offsets.len(), after.instances[5].first_offset), (before.offsets.len(), None));
+        assert_eq!(after.color_from_template[5..], [tinted; 2]);
+    }
+}
+
 /// The scene with own Gaussians: two of chair 0, one of table 1 that chair 2 shares, none of the others.
 fn with_own() -> InstancedScene {
     let range = |first, count| SourceRange { first, count };
@@ -462,6 +480,8 @@ fn the_footprint_is_where_an_instance_stands() {
         let ground = of(1).fold(f64::NEG_INFINITY, f64::max);
         let want = DVec3::new((low[0] + high[0]) / 2.0, ground, (low[1] + high[1]) / 2.0);
         assert!(foot.point.distance(want) < 1e-5, "{k} {foot:?} {want}");
+        let top = of(1).fold(f64::INFINITY, f64::min);
+        assert!((foot.height - (ground - top)).abs() < 1e-5, "{k} {foot:?}");
     }
 }
 

@@ -79,7 +79,7 @@ impl ScatterFields {
             }
     }
 
-    /// The edit: copies of an instance's template around it, with its offsets.
+    /// The edit: copies of an instance's template around it, with its offsets, own Gaussians and colour matrix.
     fn edit(&self, scene: &InstancedScene, instance: usize, up: DVec3) -> Edit {
         let original = &scene.instances[instance];
         let (min_distance, turn, seed) = (self.distance, self.turn.to_radians(), self.seed);
@@ -92,7 +92,7 @@ impl ScatterFields {
             Over::Path => ScatterOver::Path { points, up, yaw: 0.0 },
             Over::Polygon => ScatterOver::Polygon { points, up, min_distance, turn, seed },
         };
-        let differs = original.first_offset.is_some() || scene.own_range(instance).count > 0;
+        let differs = !scene.looks_like_template(instance);
         let offsets = if differs { OffsetSource::Shared(Selector::Index(instance)) } else { OffsetSource::None };
         Edit::Scatter(Scatter { template: original.template, count: self.count, over, offsets })
     }
@@ -176,6 +176,7 @@ mod tests {
     use super::*;
     use instgs_samples::sample_scene;
     use instgs_vk::scene::edit::{apply, instance_centres};
+    use instgs_vk::scene::instanced_scene::SAME_COLOR;
 
     #[test]
     fn copies_stand_around_the_original_with_its_offsets() {
@@ -195,5 +196,20 @@ mod tests {
             }
             scene.validate().unwrap();
         }
+    }
+
+    #[test]
+    fn copies_have_the_colour_matrix_of_the_original() {
+        let mut scene = sample_scene();
+        let mut tinted = SAME_COLOR;
+        tinted[0][3] = 0.25;
+        scene.color_from_template = vec![SAME_COLOR; scene.instances.len()];
+        scene.color_from_template[1] = tinted;
+        assert!(scene.instances[1].first_offset.is_none());
+        let fields = ScatterFields { count: 2, extent: [3.0, 5.0], ..ScatterFields::default() };
+        let edit = fields.edit(&scene, 1, DVec3::Z);
+        let added = apply(&mut scene, &edit).unwrap().added;
+        assert!(added.len() == 2 && added.iter().all(|&k| scene.color_from_template[k] == tinted));
+        scene.validate().unwrap();
     }
 }

@@ -156,17 +156,17 @@ impl Live {
         Ok(point.is_some())
     }
 
-    /// The instance at a window position; `None` with a notice if the device has no memory to find it.
+    /// The instance at a window position; `None` with a notice if the device has no room to find it.
     pub(super) fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
         self.hud.message = None;
         let instance = self.session.viewer.instance_at(self.in_picture(at_px));
         self.found(instance)
     }
 
-    /// Result of a query of the frame; out of memory becomes `None` and a notice.
+    /// Result of a query of the frame; one that needs too much becomes `None` and a notice.
     pub(super) fn found<T>(&mut self, found: Result<Option<T>, PlayerError>) -> Result<Option<T>, PlayerError> {
         match found {
-            Err(error) if error.is_out_of_memory() => {
+            Err(error) if error.is_too_much() => {
                 self.hud.message = Some(error.to_string());
                 Ok(None)
             }

@@ -1,5 +1,6 @@
 //! Files beside the scene: cameras, camera paths, screenshots.
 
+use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -14,8 +15,8 @@ use crate::navigation::Navigator;
 use crate::recording::{PATH_FPS, Recording};
 use crate::texts;
 use instgs_io::{IoError, read_cameras, write_cameras};
-use instgs_vk::scene::Camera;
 use instgs_vk::scene::edit::{Footprint, footprint, instance_centres};
+use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Height of the small picture of a kept camera, pixels.
 const THUMBNAIL_PX: u32 = 108;
@@ -70,7 +71,10 @@ impl Live {
     pub(super) fn act_on_camera(&mut self, action: &Action) -> Result<(), PlayerError> {
         match action {
             Action::Frame => self.frame_chosen(),
-            Action::LookAlong(along) => self.look_along(*along, self.camera.navigator.distance()),
+            Action::LookAlong(along) => {
+                let navigator = &mut self.camera.navigator;
+                navigator.look_along(navigator.target(), *along, navigator.distance());
+            }
             Action::FirstView => self.camera.navigator = self.camera.home.clone(),
             Action::KeepCamera => self.keep_camera()?,
             Action::ShowKept(k) => {
@@ -102,7 +106,7 @@ impl Live {
         Some(texts::cameras_are_of(&cameras_path(to)))
     }
 
-    /// Moves the camera back or forth, and sideways, until the selection fills most of the view.
+    /// Moves the camera, without turning it, until the selection fills most of the view.
     fn frame_chosen(&mut self) {
         let (scene, editor) = (self.session.viewer.scene(), self.session.viewer.editor());
         let Some(centre) = editor.chosen_centre(scene) else {
@@ -110,33 +114,8 @@ impl Live {
             return;
         };
         let [_, _, up] = self.camera.navigator.level_axes();
-        let centres = instance_centres(scene, editor.chosen().iter().copied());
-        let reach = |(&k, middle): (&usize, &DVec3)| {
-            let Footprint { extent, .. } = footprint(scene, k, up);
-            middle.distance(centre) + extent[0].max(extent[1])
-        };
-        let radius = editor.chosen().iter().zip(&centres).map(reach).fold(0.0, f64::max);
-        let navigator = &mut self.camera.navigator;
-        navigator.focus(centre);
-        if radius > 0.0 {
-            let distance = radius / (0.5 * navigator.fov_y()).sin();
-            let along = (centre - navigator.eye()).normalize_or(DVec3::X);
-            self.look_along(along, distance);
-        }
-    }
-
-    /// Looks at the present target along a direction from a distance, world units.
-    fn look_along(&mut self, along: DVec3, distance: f64) {
-        let size = self.screen.swapchain.size_px();
-        let navigator = &mut self.camera.navigator;
-        let ([_, ahead, up], target) = (navigator.level_axes(), navigator.target());
-        let along = along.normalize_or(ahead);
-        let vertical = along.dot(up).abs() > 0.999;
-        let eye = target - distance * along;
-        let upwards = if vertical { ahead } else { up };
-        let camera = Camera::look_at("view", eye, target, upwards, navigator.fov_y(), (size[0].max(1), size[1].max(1)));
-        navigator.stand_at(&camera);
-        navigator.aim_at(target);
+        let radius = reach(scene, editor.chosen(), centre, up);
+        self.camera.navigator.frame(centre, radius);
     }
 
     /// Starts recording the camera path, or ends it and writes the path beside the scene.
@@ -161,6 +140,16 @@ impl Live {
             Err(error) => error.to_string(),
         });
     }
+}
+
+/// Radius of a ball around `centre` that holds the chosen instances but for their outliers, world units.
+fn reach(scene: &InstancedScene, chosen: &BTreeSet<usize>, centre: DVec3, up: DVec3) -> f64 {
+    let centres = instance_centres(scene, chosen.iter().copied());
+    let reach = |(&k, middle): (&usize, &DVec3)| {
+        let Footprint { extent: [width, depth], height, .. } = footprint(scene, k, up);
+        middle.distance(centre) + width.max(depth).max(height)
+    };
+    chosen.iter().zip(&centres).map(reach).fold(0.0, f64::max)
 }
 
 /// Shows the next or previous of a list of cameras, cyclically; from none to the first or the last.
@@ -220,6 +209,7 @@ pub(super) fn kept_cameras(scene: &Path) -> Vec<Camera> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use instgs_samples::sample_scene;
 
     fn camera(name: &str) -> Camera {
         Camera::look_at(name, DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z, 0.8, (160, 90))
@@ -259,6 +249,21 @@ mod tests {
         let count = |to: &str| cameras_kept_at(&at("a.ply"), &at(to)).map(|kept| kept.len());
         assert_eq!(count("b.instgs"), Some(2));
         assert_eq!((count("a.instgs"), count("c.instgs")), (None, None), "those of the window stay");
+    }
+
+    #[test]
+    fn the_reach_of_a_selection_includes_the_height_of_tall_objects() {
+        let mut scene = sample_scene();
+        scene.templates.means.iter_mut().enumerate().for_each(|(i, mean)| mean[2] = 40.0 * i as f32);
+        let Footprint { extent, height, .. } = footprint(&scene, 0, DVec3::Z);
+        assert!(height > 2.0 * extent[0].max(extent[1]), "{height} {extent:?}");
+        let centre = instance_centres(&scene, [0])[0];
+        let radius = reach(&scene, &BTreeSet::from([0]), centre, DVec3::Z);
+        for mean in &scene.templates.means[..3] {
+            let place = DVec3::from_array(mean.map(f64::from));
+            assert!(scene.instances[0].world_from_template.transform_point(place).distance(centre) <= radius);
+        }
+        assert_eq!(reach(&scene, &BTreeSet::new(), centre, DVec3::Z), 0.0);
     }
 
     #[test]

@@ -99,7 +99,7 @@ impl Live {
                 let (width_px, per_point) = (f64::from(self.screen.swapchain.size_px()[0]), self.screen.per_point());
                 self.split = Some(Split { viewer, at: 0.5, width_px, per_point, held: false });
             }
-            Err(error) if error.is_out_of_memory() => self.end_split(&error),
+            Err(error) if error.is_too_much() => self.end_split(&error),
             Err(error) => return Err(error),
         }
         Ok(())
@@ -111,7 +111,7 @@ impl Live {
     }
 
     /// Draws the scene as it was opened with the camera of the present frame of `size_px`, for the window of a target. Where the
-    /// device has no memory for both scenes, the comparison ends.
+    /// device has no room for both scenes, the comparison ends.
     pub(super) fn draw_opened(&mut self, size_px: [u32; 2], target: Target) -> Result<(), PlayerError> {
         let per_point = self.screen.per_point();
         let Some(split) = &mut self.split else { return Ok(()) };
@@ -126,7 +126,7 @@ impl Live {
         // Nobody reads the times of these frames.
         drop(split.viewer.take_arrived());
         match drawn {
-            Err(error) if error.is_out_of_memory() => self.end_split(&error),
+            Err(error) if error.is_too_much() => self.end_split(&error),
             drawn => return drawn,
         }
         Ok(())

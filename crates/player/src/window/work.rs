@@ -14,7 +14,7 @@ use super::leaving::is_same_file;
 use super::{Live, WindowJob};
 use crate::actions::Take;
 use crate::error::PlayerError;
-use crate::recording::{PATH_FPS, Recording};
+use crate::recording::{PATH_FPS, Recording, in_shape};
 use crate::texts;
 use instgs_console::opened::OpenedScene;
 use instgs_io::page::cameras_beside;
@@ -411,12 +411,11 @@ fn turntable(first: &Camera, target: DVec3, up: DVec3, frames: u32) -> Vec<Camer
 }
 
 /// Cameras at equal times from kept camera to kept camera.
-fn along(kept: &[Camera], [width, height]: [u32; 2], frames: u32) -> Vec<Camera> {
+fn along(kept: &[Camera], size_px: [u32; 2], frames: u32) -> Vec<Camera> {
     let seconds = f64::from(frames.max(2) - 1) / PATH_FPS;
     let step = seconds / (kept.len().max(2) - 1) as f64;
-    let mut recording = Recording::default();
-    kept.iter().enumerate().for_each(|(k, camera)| recording.push(k as f64 * step, camera.resized(width, height)));
-    recording.cameras()
+    let keys = kept.iter().enumerate().map(|(k, camera)| (k as f64 * step, in_shape(camera, size_px)));
+    Recording::through(keys).cameras()
 }
 
 #[cfg(test)]
@@ -436,6 +435,18 @@ mod tests {
         assert_eq!((path.len(), path[0].width), (11, 64));
         assert!(path[10].position_world().distance(circle[2].position_world()) < 1e-6);
         assert!(path[5].position_world().distance(circle[1].position_world()) < 1e-6);
+    }
+
+    #[test]
+    fn a_way_along_far_cameras_moves_at_every_step_and_squeezes_nothing() {
+        let first = Camera::look_at("a", DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z, 0.8, (160, 90));
+        let path = along(&turntable(&first, DVec3::ZERO, DVec3::Z, 4)[..3], [64, 64], 120);
+        assert_eq!(path.len(), 120);
+        for pair in path.windows(2) {
+            let step = pair[0].position_world().distance(pair[1].position_world());
+            assert!((0.04..0.08).contains(&step), "{}: {step}", pair[1].name);
+        }
+        assert!(path.iter().all(|camera| (camera.fx - camera.fy).abs() < 1e-9 && camera.width == 64));
     }
 
     /// The sample scene, for a file in a folder; the scene is from a file beside it.

@@ -145,6 +145,38 @@ fn gaussians_are_given_and_taken_back() {
 }
 
 #[test]
+fn sh_bands_that_are_lost_on_the_way_are_warned_of() {
+    // The templates' degree is 1.
+    for (background, given, taken) in
+        [(2, Some("above 1: the templates"), None), (1, None, None), (0, None, Some("above 0"))]
+    {
+        let mut scene = scene();
+        scene.background = row(1);
+        scene.background.set_sh_degree(background);
+        scene.background.means[0] = instance_centres(&scene, [1])[0].as_vec3().to_array();
+        // One stays, so that the background keeps its degree.
+        let mut far = Gaussians { means: vec![[90.0; 3]], ..row(1) };
+        far.set_sh_degree(background);
+        scene.background.append(&far);
+        let warned = |outcome: EditOutcome, want: Option<&str>| {
+            assert_eq!(outcome.warnings.len(), usize::from(want.is_some()), "{:?}", outcome.warnings);
+            assert!(
+                outcome.warnings.iter().zip(want).all(|(text, want)| text.contains(want)),
+                "{:?}",
+                outcome.warnings
+            );
+        };
+        warned(edit(&mut scene, Edit::Give { which: Selector::Index(1), margin: 0.5 }), given);
+        warned(edit(&mut scene, Edit::Take { which: Selector::Index(1) }), taken);
+    }
+    let mut scene = with_own();
+    scene.background.set_sh_degree(0);
+    let outcome = edit(&mut scene, Edit::Take { which: which("template:0") });
+    assert_eq!(outcome.changed, [0, 2]);
+    assert_eq!(outcome.warnings, ["their colours lose SH bands above 0: the background has none"]);
+}
+
+#[test]
 fn light_comes_from_neighbours_of_the_same_template() {
     let mut scene = scene();
     assert!(apply(&mut scene, &Edit::Relight { which: Selector::Index(0) }).is_err(), "no matrices");
