@@ -133,9 +133,10 @@ mod tests {
             ("sys/fs/cgroup/slurm/job_7/memory.current", "3000000\n"),
         ];
         assert_eq!(available(&job)?, Some(2_000_000));
-        // Files that lie in memory unused are no reason to refuse anything.
-        let stat = ("sys/fs/cgroup/slurm/job_7/memory.stat", "anon 9\ninactive_file 500000\nactive_file 70\n");
-        assert_eq!(available(&[&job[..], &[stat]].concat())?, Some(2_500_000));
+        // Files that lie in memory, and what the kernel keeps of them, are no reason to refuse anything.
+        let text = "anon 9\ninactive_file 500000\nactive_file 70\nslab_reclaimable 8\nslab_unreclaimable 900000\n";
+        let stat = ("sys/fs/cgroup/slurm/job_7/memory.stat", text);
+        assert_eq!(available(&[&job[..], &[stat]].concat())?, Some(2_500_078));
         let more = ("sys/fs/cgroup/slurm/job_7/memory.stat", "inactive_file 9000000\n");
         assert_eq!(available(&[&job[..], &[more]].concat())?, Some(5_000_000), "never more than the limit");
         // The least of all, at any height; a group that uses more than its limit has nothing left.

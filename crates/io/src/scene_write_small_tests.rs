@@ -455,9 +455,9 @@ fn positions_of_flat_gaussians_are_no_finer_than_those_of_thin_ones() -> Result<
         let tensors = safetensors::SafeTensors::deserialize(&bytes).expect("a file");
         Ok(tensors.tensor("background.means.coded").expect("is there").data().to_vec())
     };
-    let thin = positions(-8.0)?;
+    let thin = positions(-11.0)?;
     assert!(positions(crate::LEAST_LOG_SCALE)? == thin && positions(f32::NEG_INFINITY)? == thin);
-    assert!(positions(-5.0)? != thin, "a hundredth of the longest axis is not reached");
+    assert!(positions(-5.0)? != thin, "a thousandth of the longest axis is not reached");
     Ok(())
 }
 
