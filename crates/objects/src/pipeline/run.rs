@@ -29,7 +29,8 @@ use instgs_vk::render::Renderer;
 use instgs_vk::scene::InstancedScene;
 
 /// Prefixes of the keys that affect only the joint phase, or nothing that is computed.
-const OF_JOINT_PHASE: [&str; 15] = [
+const OF_JOINT_PHASE: [&str; 16] = [
+    "offsets.sh_every",
     "joint.steps",
     "joint.final_factor",
     "joint.decay_start",
