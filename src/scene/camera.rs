@@ -129,6 +129,22 @@ impl Camera {
         Self { width, height, fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy, ..self.clone() }
     }
 
+    /// A camera for pictures of another shape: with the same pose, vertical field of view and shape of pixels. The picture shows
+    /// more or less at its sides, where [`Camera::resized`] squeezes or stretches it.
+    pub fn in_shape(&self, [width, height]: [u32; 2]) -> Self {
+        let scaled = f64::from(height) / f64::from(self.height);
+        let from_middle = self.cx - 0.5 * f64::from(self.width);
+        Self {
+            width,
+            height,
+            fx: self.fx * scaled,
+            fy: self.fy * scaled,
+            cx: 0.5 * f64::from(width) + from_middle * scaled,
+            cy: self.cy * scaled,
+            ..self.clone()
+        }
+    }
+
     /// The camera-to-world transform `world_from_view`.
     pub fn world_from_view(&self) -> DMat4 {
         DMat4::from_cols_array_2d(&self.view_from_world).transpose().inverse()

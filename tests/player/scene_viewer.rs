@@ -11,7 +11,7 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Selector, Turn, apply};
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 use crate::common::chairs::chairs;
 use crate::common::gpu::{assert_silent, gpu};
@@ -378,15 +378,21 @@ fn clicks_find_instances_and_draw_a_line_around_them() {
     assert_silent(&gpu);
 }
 
+/// A camera, and the pixel of it where a Gaussian of chair 1 is in front.
+fn view_of_chair_1(scene: &InstancedScene, navigator: &Navigator) -> (Camera, [f64; 2]) {
+    let camera = navigator.camera([192, 128]);
+    let mean = DVec3::from_array(scene.templates.means[2].map(f64::from));
+    let at = camera.pixel_of(scene.instances[1].world_from_template.transform_point(mean)).unwrap();
+    (camera, at)
+}
+
 /// A click picks the instance at the surface whatever is shown and chosen; every view has a picture of its own.
 #[test]
 fn every_view_looks_its_own_way_and_picks_the_same() {
     let Some(gpu) = gpu() else { return };
     let scene = chairs();
     let navigator = Navigator::around(&Orbit::around(&scene, None));
-    let camera = navigator.camera([192, 128]);
-    let mean = DVec3::from_array(scene.templates.means[2].map(f64::from));
-    let at = camera.pixel_of(scene.instances[1].world_from_template.transform_point(mean)).unwrap();
+    let (camera, at) = view_of_chair_1(&scene, &navigator);
     let mut pictures = Vec::new();
     for chosen in [None, Some(2)] {
         for view in View::ALL {
@@ -411,9 +417,7 @@ fn clicks_right_after_an_edit_find_the_instances_of_now() {
     let Some(gpu) = gpu() else { return };
     let scene = chairs();
     let navigator = Navigator::around(&Orbit::around(&scene, None));
-    let camera = navigator.camera([192, 128]);
-    let mean = DVec3::from_array(scene.templates.means[2].map(f64::from));
-    let at = camera.pixel_of(scene.instances[1].world_from_template.transform_point(mean)).unwrap();
+    let (camera, at) = view_of_chair_1(&scene, &navigator);
     // With ids in the frame.
     let options = ViewerOptions { show: View::Instances.show(navigator.distance()), ..ViewerOptions::default() };
     let mut viewer = SceneViewer::new(&gpu, scene, options).unwrap();

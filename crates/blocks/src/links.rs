@@ -28,25 +28,25 @@ pub(crate) fn relative_text(folder: &Path, target: &Path) -> String {
 
 /// The folder of a data set.
 pub(crate) struct DataFolder<'a> {
-    /// As it was given.
+    /// The path that the user gave: those of the files that a reader names begin with it.
     given: &'a Path,
     /// Absolute, without links or dots.
     pub(crate) real: PathBuf,
 }
 
 impl<'a> DataFolder<'a> {
-    /// The folder at a path.
+    /// The data set in the folder at a path, which may be a link.
     ///
     /// # Errors
-    /// It cannot be found.
+    /// No folder is there, or the system does not let it be read.
     pub(crate) fn new(given: &'a Path) -> Result<Self, IoError> {
         let real = std::fs::canonicalize(given).map_err(|e| IoError::os(given, "cannot find", &e))?;
         Ok(Self { given, real })
     }
 
     /// An absolute path of a file that the reader of the data set names; the file may be missing. Within the data set the path
-    /// below its folder stays as it is, links included: views, and so their masks, are named by it. Elsewhere it has no links or
-    /// dots.
+    /// below its folder stays as it is, links included: views, and so their masks, are named by it. The path of a file outside
+    /// has no links and no dots.
     ///
     /// # Errors
     /// The file's folder cannot be found.

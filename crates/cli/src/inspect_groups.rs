@@ -24,8 +24,8 @@ pub(super) struct GroupReport {
     expanded: u64,
     /// Gaussians that its instances have of their own.
     own: u64,
-    /// Bytes of template, offsets, instances and their own Gaussians in this file; `None` for a file that does not say which are
-    /// whose.
+    /// Bytes of template, offsets, instances and their own Gaussians in this file; `None` for formats whose bytes are not told apart
+    /// by group, such as `.glb`.
     stored_bytes: Option<u64>,
     flattened_ply_bytes: u64,
     /// The ratio flattened_ply_bytes / stored_bytes.

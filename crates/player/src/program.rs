@@ -8,7 +8,6 @@ use clap::builder::PossibleValue;
 use clap::{Parser, ValueEnum};
 
 use crate::headless::{Timings, play};
-use crate::recording::in_shape;
 use crate::script::{self, Step};
 use crate::swapchain::PresentMode;
 use crate::views::View;
@@ -270,7 +269,7 @@ fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -
     if cameras.is_empty() {
         return Orbit::around(scene, args.up.map(Triple::direction)).cameras(frames.min(100_000) as u32, args.size);
     }
-    cameras.iter().map(|camera| in_shape(camera, args.size.into())).collect()
+    cameras.iter().map(|camera| camera.in_shape(args.size.into())).collect()
 }
 
 fn window_job(args: &PlayerArgs, opened: Option<OpenedScene>, cameras: &[Camera]) -> Result<WindowJob, CliError> {

@@ -50,7 +50,7 @@ impl Recording {
         let size = [first.width, first.height];
         let at = |k: usize| {
             let camera = self.at(start + (k as f64 / PATH_FPS).min(self.seconds()));
-            Camera { name: format!("{k:05}"), ..in_shape(&camera, size) }
+            Camera { name: format!("{k:05}"), ..camera.in_shape(size) }
         };
         (0..pictures).map(at).collect()
     }
@@ -63,25 +63,9 @@ impl Recording {
     }
 }
 
-/// A camera for pictures of another shape: with the same pose, vertical field of view and shape of pixels. The picture shows more
-/// or less at its sides, where [`Camera::resized`] would squeeze or stretch it.
-pub fn in_shape(camera: &Camera, [width, height]: [u32; 2]) -> Camera {
-    let scaled = f64::from(height) / f64::from(camera.height);
-    let from_middle = camera.cx - 0.5 * f64::from(camera.width);
-    Camera {
-        width,
-        height,
-        fx: camera.fx * scaled,
-        fy: camera.fy * scaled,
-        cx: 0.5 * f64::from(width) + from_middle * scaled,
-        cy: camera.cy * scaled,
-        ..camera.clone()
-    }
-}
-
 /// A camera between two, with the first one's image size; `part` is the interpolation weight, 0 to 1.
 fn between(a: &Camera, b: &Camera, part: f64) -> Camera {
-    let b = in_shape(b, [a.width, a.height]);
+    let b = b.in_shape([a.width, a.height]);
     let mix = |x: f64, y: f64| x + part * (y - x);
     let rotation = |camera: &Camera| DQuat::from_mat3(&camera.rotation());
     let turned = DMat3::from_quat(rotation(a).slerp(rotation(&b), part));
@@ -136,7 +120,7 @@ mod tests {
         let n = navigator();
         let camera = n.camera([160, 90]);
         for size in [[160, 90], [64, 36], [100, 100], [90, 160]] {
-            let shaped = in_shape(&camera, size);
+            let shaped = camera.in_shape(size);
             let want = n.camera(size);
             assert_eq!((shaped.width, shaped.height), (size[0], size[1]));
             assert_eq!((shaped.fx, shaped.view_from_world), (shaped.fy, want.view_from_world), "{size:?}");
@@ -145,8 +129,8 @@ mod tests {
         }
         // What a photograph has besides stays: at its own size it is the same camera.
         let lens = Camera { fx: 1.1 * camera.fx, cx: 77.0, cy: 44.0, ..camera };
-        assert_eq!(in_shape(&lens, [160, 90]), lens);
-        let square = in_shape(&lens, [180, 180]);
+        assert_eq!(lens.in_shape([160, 90]), lens);
+        let square = lens.in_shape([180, 180]);
         assert_eq!((square.fx, square.fy, square.cx, square.cy), (2.0 * lens.fx, 2.0 * lens.fy, 84.0, 88.0));
         // A path has the shape of its first frame, also where the window had another one later.
         let mut recording = Recording::default();

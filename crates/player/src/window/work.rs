@@ -14,7 +14,7 @@ use super::leaving::is_same_file;
 use super::{Live, WindowJob};
 use crate::actions::Take;
 use crate::error::PlayerError;
-use crate::recording::{PATH_FPS, Recording, in_shape};
+use crate::recording::{PATH_FPS, Recording};
 use crate::texts;
 use instgs_console::opened::OpenedScene;
 use instgs_io::page::cameras_beside;
@@ -103,13 +103,13 @@ impl Live {
             return;
         }
         let [_, _, up] = self.camera.navigator.level_axes();
-        let (from, given_up) = (self.session.path.clone(), self.session.up);
+        let (from, up_of_user) = (self.session.path.clone(), self.session.up);
         let revision = self.session.viewer.editor_mut().revision();
         let scene = self.session.viewer.scene().clone();
         let (sender, done) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
         let to_path = to.to_path_buf();
-        let job = Writing { scene, from, to: to_path, format, saves, up, given_up, cancelled: cancelled.clone() };
+        let job = Writing { scene, from, to: to_path, format, saves, up, up_of_user, cancelled: cancelled.clone() };
         std::thread::spawn(move || drop(sender.send(job.run())));
         let name = if saves { texts::saving(to) } else { texts::exporting(to) };
         let kind = Kind::Write { done, to: to.to_path_buf(), saved_revision: saves.then_some(revision) };
@@ -295,9 +295,10 @@ struct Writing {
     to: PathBuf,
     format: ExportFormat,
     saves: bool,
-    /// The scene's up axis in the window; below, as the user gave it.
+    /// The scene's up axis in the window.
     up: DVec3,
-    given_up: Option<DVec3>,
+    /// The same if the user gave it: it counts more than that of a run's cameras.
+    up_of_user: Option<DVec3>,
     cancelled: Arc<AtomicBool>,
 }
 
@@ -326,7 +327,7 @@ impl Writing {
         };
         let usual = PageOptions::of_views(&self.scene, pack, &cameras);
         let of_cameras = if cameras.is_empty() { self.up } else { usual.up };
-        let options = PageOptions { up: self.given_up.unwrap_or(of_cameras), ..usual };
+        let options = PageOptions { up: self.up_of_user.unwrap_or(of_cameras), ..usual };
         let title = self.to.file_stem().unwrap_or_default().to_string_lossy();
         let page = page_text(&title, &self.scene, &options, &self.to).map_err(|error| error.to_string())?;
         let write = || atomic_write(&self.to, |out| out.write_all(page.as_bytes())).map_err(|error| error.to_string());
@@ -414,7 +415,7 @@ fn turntable(first: &Camera, target: DVec3, up: DVec3, frames: u32) -> Vec<Camer
 fn along(kept: &[Camera], size_px: [u32; 2], frames: u32) -> Vec<Camera> {
     let seconds = f64::from(frames.max(2) - 1) / PATH_FPS;
     let step = seconds / (kept.len().max(2) - 1) as f64;
-    let keys = kept.iter().enumerate().map(|(k, camera)| (k as f64 * step, in_shape(camera, size_px)));
+    let keys = kept.iter().enumerate().map(|(k, camera)| (k as f64 * step, camera.in_shape(size_px)));
     Recording::through(keys).cameras()
 }
 
@@ -459,7 +460,7 @@ mod tests {
             to,
             saves: false,
             up: DVec3::Z,
-            given_up: None,
+            up_of_user: None,
             cancelled: Arc::default(),
         }
     }
