@@ -1,9 +1,14 @@
 //! Camera positions of a data set.
 
+use std::f64::consts::TAU;
+
 use glam::DVec3;
 
+use instgs_io::dataset::Split;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::Camera;
+
+use super::files::split_of;
 
 /// Vertical field of view, radians.
 const FIELD_OF_VIEW: f64 = 45.0 * std::f64::consts::PI / 180.0;
@@ -14,6 +19,12 @@ const STREAM: u64 = 0xCA_3E_8A;
 /// Relative jitter of distance and height.
 const JITTER: f64 = 0.05;
 
+/// From a camera of a rig to the next, in widths of its azimuths: (3 + g) / 8, where g is the golden ratio, 0.618. So
+/// any number of cameras is spread evenly, and of the test views, every eighth, each is a golden ratio of a turn from
+/// the one before. With a step of g itself the test views would be close together, since 8 g is nearly whole.
+const STEP: f64 = 0.452_254_248_593_736_8;
+/// Part of an arc at each end where no test view stands: half of its photo would show what no other does.
+const ARC_INSET: f64 = 0.06;
 /// Part of a line of a sweep at each end where no camera stands: half of its photo would show what no other does.
 const SWEEP_INSET: f64 = 0.06;
 
@@ -88,9 +99,9 @@ impl Rig {
                 return Camera::look_at(&name(i, count), eye, target, DVec3::Z, fov_y, size);
             }
             let ring = self.rings[i as usize % self.rings.len()];
-            // The golden ratio spreads any number of cameras evenly.
-            let share = (f64::from(i) * 0.618_033_988_75 + rng.range(0.0, 0.02)).fract() - 0.5;
-            let azimuth = self.azimuths.0 + self.azimuths.1 * share;
+            let share = (0.5 + f64::from(i) * STEP + rng.range(0.0, 0.02)).fract() - 0.5;
+            let inset = if self.is_arc() && split_of(i as usize) == Split::Test { ARC_INSET } else { 0.0 };
+            let azimuth = self.azimuths.0 + self.azimuths.1 * (1.0 - 2.0 * inset) * share;
             let mut vary = |v: f64| v * rng.range(1.0 - JITTER, 1.0 + JITTER);
             let (distance, height) = (vary(ring.distance), vary(ring.height));
             let around = DVec3::new(self.target.x, self.target.y, 0.0);
@@ -99,6 +110,11 @@ impl Rig {
             Camera::look_at(&name(i, count), eye, target, DVec3::Z, fov_y, size)
         };
         (0..count).map(camera).collect()
+    }
+
+    /// Whether the azimuths have ends.
+    fn is_arc(&self) -> bool {
+        self.azimuths.1 < TAU
     }
 }
 
@@ -130,9 +146,45 @@ fn field_of_view(size: (u32, u32)) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::TAU;
-
     use super::*;
+
+    /// Where the cameras of a rig with one ring stand, in turns of its azimuths, 0..1: those of a split, ascending.
+    fn places(rig: &Rig, count: u32, split: Split) -> Vec<f64> {
+        let place = |camera: &Camera| {
+            let eye = camera.position_world() - rig.target;
+            let turned = (eye.y.atan2(eye.x) - rig.azimuths.0) / rig.azimuths.1 + 0.5;
+            if rig.is_arc() { turned } else { turned.rem_euclid(1.0) }
+        };
+        let cameras = rig.cameras(count, (64, 64), 1);
+        let of_split = cameras.iter().enumerate().filter(|&(i, _)| split_of(i) == split);
+        let mut places: Vec<f64> = of_split.map(|(_, camera)| place(camera)).collect();
+        places.sort_by(f64::total_cmp);
+        places
+    }
+
+    #[test]
+    fn test_views_are_spread_and_have_training_views_on_both_sides() {
+        for (width, count) in [(TAU, 24), (TAU, 48), (TAU, 64), (2.6, 24), (2.6, 48), (1.7, 64)] {
+            let rings = vec![Ring { distance: 10.0, height: 2.0 }];
+            let rig = Rig { target: DVec3::ZERO, stray: 0.0, rings, azimuths: (0.3, width), sweep: None };
+            let (test, train) = (places(&rig, count, Split::Test), places(&rig, count, Split::Train));
+            let at = format!("width {width}, {count} cameras: {test:?}");
+            let gaps = test.windows(2).map(|w| w[1] - w[0]);
+            let around = test[0] + 1.0 - test[test.len() - 1];
+            // Evenly spread ones would have gaps of one share; the sequence of golden ratios has up to 1.8.
+            let largest = gaps.chain([around]).fold(0.0, f64::max) * test.len() as f64;
+            assert!(largest < 2.1, "{largest} {at}");
+            for t in test {
+                // In shares of a training view; around a circle the distance goes on over its seam.
+                let near = |from: &f64, to: &f64| {
+                    let d = to - from;
+                    let d = if rig.is_arc() { d } else { d.rem_euclid(1.0) };
+                    (0.0..3.5 / f64::from(count)).contains(&d)
+                };
+                assert!(train.iter().any(|v| near(&t, v)) && train.iter().any(|v| near(v, &t)), "{t} {at}");
+            }
+        }
+    }
 
     #[test]
     fn cameras_are_valid_and_look_at_the_target_from_all_sides() {
