@@ -345,7 +345,7 @@ fn streamed_pictures_change_nothing() {
         [((0, 0), &[][..]), (some, &[]), (all, &[1, 2, 10]), (all, &[2]), (all, &[3, 9]), (all, &[2, 2, 2])]
     {
         let plan = ViewsPlan { views: &files, width: None, budget_bytes, seed: SEED, first_step: 0 };
-        let views = TrainViews::load(&gpu, &plan, || ()).unwrap();
+        let views = TrainViews::load(&gpu, &plan, &mut || Ok(())).unwrap();
         assert_eq!(views.resident(), resident);
         let got = run_with(&gpu, &start, (views, give_way_at), Some(1), (24, 0, view));
         assert!(!got.grown_after.is_empty());

@@ -1,6 +1,7 @@
 //! Runs a training job with printed progress and reports; shared by all commands that train.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use super::progress_lines::{LabelLines, NamingLines, group_lines, warn_of_names};
 use instgs_console::table::grouped;
@@ -13,6 +14,9 @@ use instgs_train::events::Event;
 use instgs_train::interrupt::Interrupt;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::InstancedScene;
+
+/// Reading photos shows its progress if it takes longer.
+const SHORT_WAIT: Duration = Duration::from_secs(2);
 
 /// Device, interrupt and printer of a command, shared by its runs.
 pub struct Session<'a> {
@@ -34,7 +38,7 @@ pub fn train_job(session: &Session<'_>, job: &PipelineJob) -> Result<RunReport, 
     let mut watcher = Watcher {
         session,
         job,
-        training: TrainProgress { printer: session.printer, bar: None },
+        training: TrainProgress::new(session.printer),
         naming: NamingLines::new(session.printer),
         labels: LabelLines::new(session.printer),
         report: ReportWriter::new(),
@@ -116,10 +120,18 @@ fn warn_of_pictures(printer: &Printer, error: &ReportError) {
 /// Training progress for people: a bar with loss, PSNR, Gaussians and speed, and lines for events between steps.
 struct TrainProgress<'a> {
     printer: &'a Printer,
+    /// When the first of the photos was read that are read now.
+    photos_since: Option<Instant>,
+    /// Their progress, if it takes long.
+    photos: Option<Progress>,
     bar: Option<Progress>,
 }
 
-impl TrainProgress<'_> {
+impl<'a> TrainProgress<'a> {
+    fn new(printer: &'a Printer) -> Self {
+        Self { printer, photos_since: None, photos: None, bar: None }
+    }
+
     fn tell(&mut self, message: TrainMessage<'_>) {
         match message {
             TrainMessage::Warning(text) => {
@@ -128,6 +140,18 @@ impl TrainProgress<'_> {
                 self.printer.warning(text);
             }
             TrainMessage::Note(text) => self.printer.warning(text),
+            TrainMessage::PhotoRead { done, total } => {
+                let since = *self.photos_since.get_or_insert_with(Instant::now);
+                if self.photos.is_none() && since.elapsed() > SHORT_WAIT {
+                    self.photos = Some(self.printer.progress("photos", total as u64));
+                }
+                if let Some(photos) = &mut self.photos {
+                    photos.advance_to(done as u64, "");
+                }
+                if done == total {
+                    (self.photos, self.photos_since) = (None, None);
+                }
+            }
             TrainMessage::Rewound { step } => {
                 self.printer.line(format_args!("continuing from step {step}; later steps are repeated"));
             }
@@ -181,7 +205,7 @@ pub fn refine_scene(
     scene: &InstancedScene,
 ) -> Result<InstancedScene, CliError> {
     let _lock = RunLock::take(&job.out)?;
-    let mut progress = TrainProgress { printer: session.printer, bar: None };
+    let mut progress = TrainProgress::new(session.printer);
     let mut tell = |message: Message<'_>| {
         if let Message::Training { message, .. } = message {
             progress.tell(message);

@@ -45,6 +45,9 @@ fn of_training(phase: &'static str, message: &TrainMessage<'_>) -> Option<Told> 
     let event = match message {
         TrainMessage::Warning(text) | TrainMessage::Note(text) => return Some(Told::Warning((*text).into())),
         TrainMessage::Event(event) => serde_json::to_string(&OfPhase { event, phase }).ok()?,
+        TrainMessage::PhotoRead { done, total } => {
+            json!({"event": "photo_read", "done": done, "total": total, "phase": phase}).to_string()
+        }
         TrainMessage::Rewound { step } => json!({"event": "rewound", "step": step, "phase": phase}).to_string(),
         TrainMessage::TestView(view) => {
             let (psnr, ssim) = (view.metrics.psnr, view.metrics.ssim);

@@ -205,7 +205,7 @@ impl Steps {
         let budget_bytes = picture_budget(config, gpu.device_heap_bytes());
         let width = (config.width > 0).then_some(config.width);
         let views = ViewsPlan { views: &data.train, width, budget_bytes, seed: SEED, first_step: 0 };
-        let views = TrainViews::load(gpu, &views, || ())?;
+        let views = TrainViews::load(gpu, &views, &mut || Ok(()))?;
         let runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), views.largest_px(), false)?;
         Ok(Self {
             gpu: gpu.clone(),

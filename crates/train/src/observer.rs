@@ -11,6 +11,13 @@ pub enum TrainMessage<'a> {
     Warning(&'a str),
     /// A warning while steps go on: one line.
     Note(&'a str),
+    /// A photo was decoded and checked before the first step.
+    PhotoRead {
+        /// Number of photos read so far.
+        done: usize,
+        /// Number of photos to read, those of the test views included.
+        total: usize,
+    },
     /// The run continues from this step; later steps of an earlier process are repeated.
     Rewound {
         /// Number of finished steps.

@@ -22,6 +22,7 @@ use super::given::given_cloud;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
 use super::log_state::LogState;
 use super::memory::picture_budget;
+use super::observer::{TrainMessage, TrainObserver};
 use super::same_data::{self, SameData};
 use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
 use super::trainer::TrainJob;
@@ -201,15 +202,12 @@ pub(super) struct Loaded {
     pub(super) views: TrainViews,
 }
 
-/// Reads cameras, points, pictures and the state to start from; `warn` receives the warnings, one line each.
+/// Reads cameras, points, pictures and the state to start from; `observer` receives the warnings, and the progress through
+/// the photos.
 ///
 /// # Errors
 /// Damaged or missing input, or more than the device holds.
-pub(super) fn load_all(
-    gpu: &Arc<Gpu>,
-    job: &TrainJob,
-    warn: &mut dyn FnMut(&str) -> Result<(), IoError>,
-) -> Result<Loaded, TrainError> {
+pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, observer: &mut dyn TrainObserver) -> Result<Loaded, TrainError> {
     let config = &job.config;
     let resumed = find_checkpoint(job)?;
     let mut data = read_data(&job.data, config, needs_points(config, &resumed))?;
@@ -231,26 +229,37 @@ pub(super) fn load_all(
     }
     let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
     data.warnings.extend(doubts(&cameras, &data.points, data.extent, config.near));
-    data.warnings.iter().try_for_each(|warning| warn(warning))?;
+    data.warnings.iter().try_for_each(|warning| observer.notify(TrainMessage::Warning(warning)))?;
     let budget_bytes = picture_budget(config, gpu.device_heap_bytes());
     let width = (config.width > 0).then_some(config.width);
     let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
-    let views = TrainViews::load(gpu, &plan, || ())?;
-    views.without_pixels().iter().try_for_each(|warning| warn(warning))?;
+    let (mut done, total) = (0, data.train.len() + data.test.len());
+    let mut on_read = || {
+        done += 1;
+        observer.notify(TrainMessage::PhotoRead { done, total })
+    };
+    let views = TrainViews::load(gpu, &plan, &mut on_read)?;
     // Test pictures are checked too: a damaged one should be found now, not after hours.
-    leave_out_masked(&mut data.test, width)?.iter().try_for_each(|warning| warn(warning))?;
+    let masked = leave_out_masked(&mut data.test, width, &mut on_read)?;
+    let warnings = [views.without_pixels(), masked];
+    warnings.iter().flatten().try_for_each(|warning| observer.notify(TrainMessage::Warning(warning)))?;
     Ok(Loaded { data, variant, start, views })
 }
 
-/// Removes views whose masks leave no pixel to compare, and returns a warning about them. Decodes all views.
+/// Removes views whose masks leave no pixel to compare, and returns a warning about them. Decodes all views, and calls
+/// `on_read` after each.
 ///
 /// # Errors
-/// The first picture that cannot be read.
-pub fn leave_out_masked(views: &mut Vec<View>, width: Option<u32>) -> Result<Option<String>, IoError> {
+/// The first picture that cannot be read; the first error of `on_read`.
+pub fn leave_out_masked(
+    views: &mut Vec<View>,
+    width: Option<u32>,
+    on_read: &mut dyn FnMut() -> Result<(), IoError>,
+) -> Result<Option<String>, IoError> {
     let mut is_shown = Vec::new();
     view_store::load_all::<IoError>(views, width, PrefetchLimits::default(), &mut |_, view| {
         is_shown.push(view.image.rgba.iter().any(|rgba| rgba[3] != IGNORED));
-        Ok(())
+        on_read()
     })?;
     let masked = views.iter().zip(&is_shown).find(|(_, shown)| !**shown);
     let warning = masked.map(|(view, _)| {
@@ -457,10 +466,10 @@ mod tests {
             })
         };
         let mut views = vec![view("half", &[0, 255])?, view("none", &[0, 0])?, view("all", &[255, 255])?];
-        let warning = leave_out_masked(&mut views, None)?.ok_or("no warning")?;
+        let warning = leave_out_masked(&mut views, None, &mut || Ok(()))?.ok_or("no warning")?;
         assert!(warning.contains("none.png") && warning.contains("1 such test view"), "{warning}");
         assert_eq!(views.iter().map(|view| view.camera.name.as_str()).collect::<Vec<_>>(), ["half", "all"]);
-        assert_eq!(leave_out_masked(&mut views, None)?, None);
+        assert_eq!(leave_out_masked(&mut views, None, &mut || Ok(()))?, None);
         Ok(())
     }
 

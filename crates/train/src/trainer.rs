@@ -252,7 +252,7 @@ fn load_for(
     let before = std::fs::read(&path).ok();
     // Written before pictures are read, which may take minutes, so that a run killed then can be resumed.
     files.write()?;
-    let loaded = load_all(gpu, phase, &mut |text| observer.notify(TrainMessage::Warning(text)));
+    let loaded = load_all(gpu, phase, observer);
     let opened = loaded.and_then(|loaded| {
         let (log, past) = open_log(phase, loaded.start.step, loaded.start.due, observer)?;
         Ok((loaded, log, past))

@@ -84,8 +84,12 @@ impl TrainViews {
     /// hours. `on_loaded` is called after each.
     ///
     /// # Errors
-    /// The first picture, in order, that cannot be read; the device's memory is full.
-    pub fn load(gpu: &Arc<Gpu>, plan: &ViewsPlan<'_>, mut on_loaded: impl FnMut()) -> Result<Self, TrainError> {
+    /// The first picture, in order, that cannot be read; the device's memory is full; the first error of `on_loaded`.
+    pub fn load(
+        gpu: &Arc<Gpu>,
+        plan: &ViewsPlan<'_>,
+        on_loaded: &mut dyn FnMut() -> Result<(), IoError>,
+    ) -> Result<Self, TrainError> {
         let mut out = Self {
             gpu: gpu.clone(),
             resident: Vec::new(),
@@ -112,8 +116,7 @@ impl TrainViews {
                 out.bytes += loaded.image.bytes();
                 out.resident.push(device_view(gpu, &loaded)?);
             }
-            on_loaded();
-            Ok(())
+            Ok(on_loaded()?)
         })?;
         if let Some((path, count)) = out.hidden.as_ref().filter(|(_, count)| *count == out.count) {
             let others =

@@ -20,7 +20,8 @@ use instgs_train::given::given_plain_cloud;
 
 /// Finds the objects of a trained plain cloud in the masks of its training views.
 ///
-/// Masks are one PNG of ids per image, 8 or 16 bits of grey, 0 = no object; ids need not be the same from view to view.
+/// Masks are those of train: a PNG of ids per photo, or files of other programs (docs/masks.md); ids need not be the same
+/// from view to view.
 /// DIR gets the scene as point_cloud.ply, cameras.json, consensus.json (the object that each mask shows),
 /// labels.safetensors (the object of each Gaussian) and config.toml, which register and merge read, and review.html,
 /// which shows every view with its masks and objects. train --method instgs does the same between its two phases.

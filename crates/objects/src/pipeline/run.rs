@@ -265,7 +265,7 @@ impl Pipeline<'_> {
         let config = &job.config.train;
         let width = (config.width > 0).then_some(config.width);
         // The joint phase leaves the same views out and warns about them.
-        leave_out_masked(&mut test, width)?;
+        leave_out_masked(&mut test, width, &mut || Ok(()))?;
         if test.is_empty() {
             return Ok(None);
         }
