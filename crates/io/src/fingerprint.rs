@@ -154,7 +154,11 @@ impl ViewPrint {
 }
 
 impl FilePrint {
-    fn of(path: &Path) -> Result<Self, IoError> {
+    /// Hashes one file: all of it, or of a large one its length and blocks of it.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is no regular file.
+    pub fn of(path: &Path) -> Result<Self, IoError> {
         let fail = |e: std::io::Error| IoError::os(path, "cannot read", &e);
         let kind = std::fs::metadata(path).map_err(fail)?;
         // A pipe may never end, or never begin.

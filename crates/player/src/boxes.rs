@@ -104,6 +104,11 @@ impl BoxList {
         self.now.boxes != self.saved
     }
 
+    /// True if there are no boxes, and none that were saved and removed since.
+    pub fn has_nothing_to_save(&self) -> bool {
+        self.now.boxes.is_empty() && !self.is_unsaved()
+    }
+
     /// Marks the boxes as saved in their present state.
     pub fn saved(&mut self) {
         self.finish();
@@ -352,6 +357,20 @@ mod tests {
         assert!(list.is_unsaved());
         list.saved();
         assert!(!list.is_unsaved() && list.undo() && list.is_unsaved());
+    }
+
+    #[test]
+    fn the_removal_of_all_boxes_is_saved() {
+        let mut list = BoxList::default();
+        list.draw(at(0.0));
+        list.remove(0);
+        assert!(list.has_nothing_to_save(), "a file never had it");
+        list.draw(at(0.0));
+        list.saved();
+        list.remove(0);
+        assert!(!list.has_nothing_to_save() && list.is_unsaved());
+        list.saved();
+        assert!(list.has_nothing_to_save());
     }
 
     #[test]

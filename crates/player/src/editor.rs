@@ -96,6 +96,11 @@ impl Editor {
         first
     }
 
+    /// True if nothing was changed since a revision, and no change is in progress.
+    pub fn is_at(&self, revision: u64) -> bool {
+        self.revision == revision && self.in_progress.is_none()
+    }
+
     /// Marks the scene as saved if nothing was changed since a revision.
     pub fn saved_at(&mut self, revision: u64) {
         self.unsaved &= self.revision != revision;
@@ -116,14 +121,19 @@ impl Editor {
         self.chosen.iter().any(|&k| scene.instances[k].template == template)
     }
 
-    /// Selects an instance (`None` for a click beside all of them), replacing the selection; with `more`, toggles it in
-    /// the selection.
+    /// True if an instance can be selected: it is neither locked nor hidden.
+    fn is_free(&self, instance: usize) -> bool {
+        !self.locked.contains(&instance) && !self.hidden.contains(&instance)
+    }
+
+    /// Selects an instance (`None` for a click beside all of them) unless it is locked or hidden, replacing the selection; with
+    /// `more`, toggles it in the selection.
     pub fn click(&mut self, instance: Option<usize>, more: bool) {
         self.finish();
         if !more {
             self.chosen.clear();
         }
-        if let Some(instance) = instance.filter(|k| !self.locked.contains(k))
+        if let Some(instance) = instance.filter(|&k| self.is_free(k))
             && !self.chosen.insert(instance)
         {
             self.chosen.remove(&instance);
@@ -136,8 +146,8 @@ impl Editor {
         if !more {
             self.chosen.clear();
         }
-        let free = |k: &usize| !self.locked.contains(k) && !self.hidden.contains(k);
-        self.chosen.extend(instances.into_iter().filter(free));
+        let free: Vec<usize> = instances.into_iter().filter(|&k| self.is_free(k)).collect();
+        self.chosen.extend(free);
     }
 
     /// Selects what is not selected, and the other way round.
@@ -161,8 +171,7 @@ impl Editor {
     fn choose_same<T: Ord>(&mut self, kind_of: impl Fn(usize) -> T, instances: usize) {
         self.finish();
         let kinds: BTreeSet<T> = self.chosen.iter().map(|&k| kind_of(k)).collect();
-        let free = |k: &usize| !self.hidden.contains(k) && !self.locked.contains(k);
-        let wanted = |k: &usize| free(k) && kinds.contains(&kind_of(*k));
+        let wanted = |&k: &usize| self.is_free(k) && kinds.contains(&kind_of(k));
         self.chosen = (0..instances).filter(wanted).collect();
     }
 

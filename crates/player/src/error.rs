@@ -24,6 +24,9 @@ pub enum PlayerError {
     /// The window system failed.
     #[error("window: {0}; without a display, use --headless with --frames and --screenshot")]
     Window(String),
+    /// A file that was being written when the window closed could not be.
+    #[error("{0}")]
+    Unwritten(String),
     /// A script asked for something that is not there.
     #[error("the script stops: {0}")]
     Script(String),

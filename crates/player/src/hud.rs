@@ -10,6 +10,8 @@ mod outliner;
 mod statistics;
 mod view;
 
+use std::path::{Path, PathBuf};
+
 use egui::{Align2, Context, Ui};
 use glam::DVec3;
 
@@ -68,11 +70,11 @@ pub(super) struct Facts<'a> {
     pub(super) beside: DVec3,
     pub(super) mode: GizmoMode,
     /// The file that the scene is saved to.
-    pub(super) file: &'a str,
+    pub(super) file: &'a Path,
     /// The cameras that the user kept.
     pub(super) kept: &'a [Camera],
     /// Files that were opened lately, the last one first.
-    pub(super) recent: &'a [std::path::PathBuf],
+    pub(super) recent: &'a [PathBuf],
     /// Name and, where known, progress from 0 to 1 of the work that runs beside the picture.
     pub(super) work: Option<(String, Option<f32>)>,
     /// True while the tool for boxes is active.

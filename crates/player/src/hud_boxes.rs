@@ -1,7 +1,7 @@
 //! Interface of the tool for boxes: their lines over the view, a hint of one line, and the panel. It changes nothing
 //! itself but returns the user's actions in order.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use egui::{Align2, Color32, Context, DragValue, Id, Pos2, Stroke, Ui};
 use egui_phosphor::regular as icon;
@@ -12,6 +12,7 @@ use super::boxes::{BoxList, Origin};
 use super::gizmo::GizmoMode;
 use super::hud_edit::{one, three};
 use super::hud_gizmo::{HOT, line, paint_lines};
+use super::path_field::PathField;
 use super::texts;
 use instgs_vk::scene::{Camera, ObjectBox};
 
@@ -44,7 +45,7 @@ pub(super) struct BoxFacts<'a> {
     /// True if searches also find objects of other sizes.
     pub(super) other_sizes: bool,
     /// The file that the boxes are saved to.
-    pub(super) file: String,
+    pub(super) file: PathBuf,
 }
 
 /// An action that the user asked for in the panel.
@@ -71,7 +72,7 @@ pub(super) enum BoxAction {
 pub(super) struct BoxPanel {
     /// The widget whose change is in progress.
     live: Option<Id>,
-    file: String,
+    file: PathField,
 }
 
 impl BoxPanel {
@@ -111,10 +112,10 @@ impl BoxPanel {
         rows(ui, facts.list, actions);
         ui.separator();
         if self.file.is_empty() {
-            self.file.clone_from(&facts.file);
+            self.file.give(&facts.file);
         }
         ui.horizontal(|ui| {
-            ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(180.0));
+            ui.add(egui::TextEdit::singleline(&mut self.file.text).desired_width(180.0));
             if ui.button(texts::SAVE).on_hover_text(texts::SAVE_BOXES_TIP).clicked() {
                 actions.extend(self.file().map(BoxAction::Save));
             }
@@ -163,12 +164,12 @@ impl BoxPanel {
 
     /// The file named in the field; `None` if the field is empty.
     pub(super) fn file(&self) -> Option<PathBuf> {
-        Some(self.file.trim()).filter(|name| !name.is_empty()).map(PathBuf::from)
+        self.file.path()
     }
 
     /// Sets the field to the file that the boxes were saved to.
-    pub(super) fn saved_to(&mut self, file: String) {
-        self.file = file;
+    pub(super) fn saved_to(&mut self, file: &Path) {
+        self.file.give(file);
     }
 }
 

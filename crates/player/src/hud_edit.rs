@@ -112,22 +112,38 @@ impl EditPanel {
         self.scatter.outline()
     }
 
+    /// True while scattered copies are shown and wait for a button: no other field was changed since.
+    fn previews(&self) -> bool {
+        self.live.is_some() && self.live == self.scatter.preview
+    }
+
     /// Resets the fields whose selection or undo step is no longer the present one.
     fn follow(&mut self, facts: &EditFacts<'_>) {
-        let steps = facts.editor.steps()[0];
+        let (steps, is_live) = (facts.editor.steps()[0], facts.editor.is_live());
+        if self.scatter.preview.is_some() && !self.previews() {
+            // Another field has completed the copies, and changes them from now on.
+            self.chosen = facts.editor.chosen().clone();
+            self.scatter = ScatterFields::beside(facts);
+        }
+        let has_grown = steps > self.steps;
         // Scattering selects what it adds, and goes on with the object it began with.
-        let previews = self.scatter.preview && facts.editor.is_live();
+        let previews = self.previews() && is_live;
         if !previews && (*facts.editor.chosen() != self.chosen || steps < self.steps) {
             let brush = self.brush;
             *self = Self { chosen: facts.editor.chosen().clone(), brush, ..Self::default() };
             self.scatter = ScatterFields::beside(facts);
         }
         self.steps = steps;
-        if !facts.editor.is_live() && self.live.take().is_some() {
-            // A key or a click ended the crop.
+        if !is_live && self.live.take().is_some() {
+            // A key or a click ended the change.
             self.crop = None;
-            self.scatter.preview = false;
+            self.scatter.preview = None;
             self.relative = Relative::default();
+            if has_grown {
+                self.shift.finish();
+            } else {
+                self.shift.cancel();
+            }
         }
     }
 
@@ -198,9 +214,9 @@ impl EditPanel {
     /// Completes the change in progress once nothing is held or typed into. A crop and a preview stay in progress until
     /// they are applied or cancelled.
     pub(super) fn settle(&mut self, ctx: &Context, actions: &mut Vec<Action>) {
-        let cropping = self.scatter.preview || self.crop.as_ref().is_some_and(|crop| self.live == Some(crop.id));
+        let waits = self.previews() || self.crop.as_ref().is_some_and(|crop| self.live == Some(crop.id));
         let held = ctx.input(|input| input.pointer.any_down()) || ctx.memory(|memory| memory.focused().is_some());
-        if self.live.is_some() && !cropping && !held {
+        if self.live.is_some() && !waits && !held {
             actions.push(Action::Finish);
             self.live = None;
             self.relative = Relative::default();

@@ -15,7 +15,8 @@
 //!   search.rs           the search for similar objects, on a thread of its own
 //!   window/work.rs      work beside the picture: files, frames, videos; remembered.rs recent files, settings
 //!   hud.rs              tool bar and panels (egui), a file each in hud/; hud_edit.rs and hud_boxes.rs the panels of the
-//!                       selection and of boxes, hud_gizmo.rs handles; texts.rs their texts, actions.rs what they ask for
+//!                       selection and of boxes, hud_gizmo.rs handles; texts.rs their texts, actions.rs what they ask for, path_field.rs
+//!                       fields for paths
 //!   views.rs            the views: colours, depth, instances ...   (egui)
 //!   resolution.rs       lower resolution while the view changes    (pure)
 //!   recording.rs        a recorded camera path                     (pure)
@@ -43,6 +44,7 @@ mod hud_edit;
 mod hud_gizmo;
 pub mod navigation;
 pub mod panel_texts;
+mod path_field;
 pub mod program;
 pub mod recording;
 mod remembered;

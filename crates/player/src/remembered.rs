@@ -67,7 +67,9 @@ impl Recent {
         self.files.retain(|other| *other != path);
         self.files.insert(0, path);
         self.files.truncate(MOST);
-        write(list, &self.files);
+        // The others have no place in JSON, and are remembered for this session.
+        let texts: Vec<&str> = self.files.iter().filter_map(|path| path.to_str()).collect();
+        write(list, &texts);
     }
 }
 
@@ -167,6 +169,20 @@ impl Remembered {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_path_that_is_no_text_keeps_no_other_out_of_the_list() {
+        use std::os::unix::ffi::OsStrExt;
+        let folder = tempfile::tempdir().unwrap();
+        let list = folder.path().join("recent.json");
+        let [a, b] = ["a.ply", "b.ply"].map(|name| folder.path().join(name));
+        let odd = folder.path().join(std::ffi::OsStr::from_bytes(b"\xf6.ply"));
+        let mut recent = Recent { files: Vec::new(), list: Some(list.clone()) };
+        [&a, &odd, &b].into_iter().for_each(|path| recent.note(path));
+        assert_eq!(recent.files(), [b.clone(), odd, a.clone()]);
+        assert_eq!(read::<Vec<PathBuf>>(Some(&list)), [b, a]);
+    }
 
     #[test]
     fn what_was_set_up_is_there_again() {

@@ -28,7 +28,7 @@
 //! drop a.ply            a file is dropped on the window, and read
 //! begin a.ply           a file is dropped on the window, and the next steps are played while it is read
 //! opened                waits until the file is open
-//! close                 the window's close button, which asks if something is not saved
+//! close                 the window's close button, which asks if that loses work
 //! quit                  closes the window
 //! # and the rest of a line is a comment
 //! ```

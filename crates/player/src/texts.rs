@@ -1,7 +1,8 @@
 //! All texts of the window, in one place so that they can be translated. Errors of files and of the device come from the crates
-//! that find them; keys are in `keys.rs`.
+//! that find them; keys are in `keys.rs`, questions in `questions.rs`.
 
 mod keys;
+mod questions;
 
 use std::path::Path;
 
@@ -10,6 +11,10 @@ use super::views::View;
 use instgs_vk::render::Show;
 
 pub(crate) use keys::KEYS;
+pub(crate) use questions::{
+    CLOSE_WINDOW, OPEN_UNSAVED, PATH_UNSAVED, PRESS_ESCAPE, QUIT_UNSAVED, STOP_WORK, boxes_unsaved, changes_unsaved,
+    is_running, open_file, question, replace_again,
+};
 
 /// Titles of panels.
 pub(super) const SCENE: &str = "Scene";
@@ -374,7 +379,7 @@ pub(super) fn no_ffmpeg(count: usize, folder: &Path) -> String {
 }
 
 pub(super) fn still_running(work: &str) -> String {
-    format!("{work} is still running: wait, or cancel it")
+    format!("{}: wait, or cancel it", is_running(work))
 }
 
 pub(super) fn was_cancelled(work: &str) -> String {
@@ -389,30 +394,15 @@ pub(super) fn opening(path: &Path) -> String {
     format!("Opening {}", name_of(path))
 }
 
-/// A file is read, but was not opened since the scene was changed meanwhile.
+/// A file is read, but was not opened since that would lose what was done meanwhile.
 pub(super) fn changed_meanwhile(path: &Path) -> String {
-    format!("{} was not opened: the scene was changed while it was read", path.display())
+    format!("{} was not opened: the scene, boxes or the camera path were changed while it was read", path.display())
 }
 
 /// The two sides of a comparison.
 pub(super) const AS_OPENED: &str = "as opened";
 pub(super) const NOW: &str = "now";
 pub(super) const NO_SPLIT: &str = "the comparison is off";
-
-/// Questions before unsaved work is lost: what is not saved, and then what loses it.
-pub(super) const CHANGES_UNSAVED: &str = "changes are not saved: Ctrl+S saves them, or ";
-pub(super) const BOXES_UNSAVED: &str = "boxes are not saved: B, then Ctrl+S saves them, or ";
-pub(super) const ESCAPE_AGAIN: &str = "press Escape again to quit without saving";
-pub(super) const CLOSE_AGAIN: &str = "close again to quit without saving";
-
-pub(super) fn open_again(file: &str) -> String {
-    format!("open {file} again to open it without saving")
-}
-
-/// Question before a file is replaced.
-pub(super) fn replace_again(file: &Path) -> String {
-    format!("{} is there already: save again to replace it", file.display())
-}
 
 /// Cameras.
 pub(super) const RECORDING: &str = "recording the camera path: P stops";

@@ -223,11 +223,13 @@ impl Player {
             report.timings.begin();
         }
         let works = live.go_on_working(&self.job)?;
-        if live.work.is_some() || live.hud.files.waits() {
-            // Looks at it again soon.
-            live.screen.ui.egui_ctx().request_repaint_after(LOOK_AGAIN);
-        }
+        let waits = live.work.is_some() || live.hud.files.waits();
+        live.pacing.look_at = waits.then(|| Instant::now() + LOOK_AGAIN);
         let shown = live.picture(works || self.job.frames.is_some() || !live.playback.script.is_empty())?;
+        if works && !shown {
+            // A minimised window shows nothing that the next frame for a file could follow.
+            live.pacing.look_at = Some(Instant::now());
+        }
         let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
         if let (true, Ok(report)) = (shown, &mut self.outcome) {
             report.timings.submitted(live.session.viewer.in_flight());
@@ -240,7 +242,7 @@ impl Player {
     /// After the loss of the device, continues on a reopened one. Ends on any other error, and if the device is lost
     /// again soon. Unsaved work is written first.
     fn failed(&mut self, event_loop: &ActiveEventLoop, error: PlayerError) {
-        let Some(mut live) = self.live.take() else { return self.end(event_loop, Err(error)) };
+        let Some(live) = self.live.take() else { return self.end(event_loop, Err(error)) };
         let (files, errors) = live.rescue();
         let again = error.is_lost() && live.session.reopened.is_none_or(|then| then.elapsed() > LOST_FOR_GOOD);
         let reopened = if again { live.reopen(&self.job, &error) } else { Err(error) };
@@ -271,7 +273,8 @@ impl Player {
 
     fn closing(&mut self) -> Result<(), PlayerError> {
         let (Some(live), Ok(report)) = (&mut self.live, &mut self.outcome) else { return Ok(()) };
-        live.wait_for_writing();
+        // A file that could not be written is told only after all else has ended.
+        let written = live.wait_for_writing();
         report.device = live.session.gpu.caps().name.clone();
         report.size_px = live.screen.swapchain.size_px();
         report.scene_on_host_bytes = live.session.viewer.scene_on_host_bytes();
@@ -283,7 +286,7 @@ impl Player {
         }
         live.session.gpu.wait_all()?;
         report.validation_message = live.session.take_validation_message();
-        Ok(())
+        written
     }
 }
 
@@ -374,7 +377,7 @@ impl Live {
         let (gizmo, hot, brush_px) = (self.gizmo(), self.input.editing.hot(), self.brush_px());
         let (camera, home) = (self.handle_camera(), self.camera.home.target());
         let (distance, [_, _, up]) = (self.camera.navigator.distance(), self.camera.navigator.level_axes());
-        let file = self.session.save_path().display().to_string();
+        let file = self.session.save_path();
         let (step, beside, work) = (self.number_step(), self.beside(), self.work_shown());
         let (mut actions, mut box_actions) = (Vec::new(), Vec::new());
         let output = ctx.run(input, |ctx| {

@@ -3,6 +3,7 @@
 //! The later stages need nothing else.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -14,6 +15,7 @@ use crate::segment::{
 };
 use instgs_io::checkpoint::Checkpoint;
 use instgs_io::json::{read_json, write_json};
+use instgs_io::fingerprint::FilePrint;
 use instgs_io::view_image::camera_at_width;
 use instgs_io::{
     IoError, MaskFolder, RunFolder, Split, View, atomic_write, load_scene, read_cameras, write_cameras, write_ply,
@@ -37,6 +39,8 @@ pub const LABEL_TENSOR: &str = "instance_of_gaussian";
 const WEIGHT_TENSOR: &str = "weight_px";
 /// Name of the tensor of numbers of views.
 const VIEWS_TENSOR: &str = "views_seen";
+/// Name of the metadata with the length and the hash of the cloud's file. Versions before it was there wrote none.
+const CLOUD_PRINT: &str = "cloud";
 
 /// The labels of a cloud, and what they were computed from.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -89,7 +93,7 @@ impl CloudLabels {
         self.cameras.iter().any(|camera| camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at)))
     }
 
-    /// Reads the files of [`label_gaussians`] in a folder, for a cloud of `gaussians` Gaussians.
+    /// Reads the files of [`label_gaussians`] in a folder, for the folder's cloud, which has `gaussians` Gaussians.
     ///
     /// # Errors
     /// A file that is missing, damaged, or of another cloud.
@@ -97,6 +101,10 @@ impl CloudLabels {
         require_segments(folder)?;
         let path = folder.labels();
         let mut file = Checkpoint::read(&path)?;
+        if file.metadata.get(CLOUD_PRINT).is_some_and(|text| print_of(&folder.point_cloud()).as_ref() != Ok(text)) {
+            let error = IoError::new(&path, "has the labels of another point_cloud.ply than the one beside it");
+            return Err(error.advise("segment the scene again, into another folder"));
+        }
         let labels: Vec<u32> = file.take(LABEL_TENSOR, &[], &path)?;
         let weights_px: Vec<f32> = file.take(WEIGHT_TENSOR, &[], &path)?;
         let views_seen: Vec<u32> = file.take(VIEWS_TENSOR, &[], &path)?;
@@ -116,8 +124,15 @@ impl CloudLabels {
         file.put(LABEL_TENSOR, &[self.labels.len()], self.labels.clone());
         file.put(WEIGHT_TENSOR, &[self.weights_px.len()], self.weights_px.clone());
         file.put(VIEWS_TENSOR, &[self.views_seen.len()], self.views_seen.clone());
+        file.metadata.insert(CLOUD_PRINT.into(), print_of(&folder.point_cloud())?);
         file.write(&folder.labels())
     }
+}
+
+/// Length and hash of a cloud's file, as text.
+fn print_of(cloud: &Path) -> Result<String, IoError> {
+    let FilePrint { bytes, hash, .. } = FilePrint::of(cloud)?;
+    Ok(format!("{bytes} {hash}"))
 }
 
 /// Makes the job's folder with its configuration and a plain cloud, as the stages read them; returns the scene of the cloud.

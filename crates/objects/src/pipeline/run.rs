@@ -135,6 +135,7 @@ impl Pipeline<'_> {
     }
 
     fn run_with_objects(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Finished, PipelineError> {
+        check_not_by_stages(job)?;
         check_same_stages(job)?;
         check_same_cloud(job)?;
         // Existing masks are checked before hours of training, and before the run folder is created.
@@ -179,7 +180,7 @@ impl Pipeline<'_> {
         job.check_folders()?;
         job.folder().create()?;
         let first = job.folder().initial_scene();
-        if !job.resume || !has_checkpoint(&job.folder()) {
+        if !job.resume || !joint_has_begun(&job.folder()) {
             write_scene_file(&first, scene)?;
         } else if !load_scene(&first)?.scene.shows_the_same(scene) {
             let error = IoError::new(&job.out, "its joint phase began with another scene");
@@ -215,7 +216,7 @@ impl Pipeline<'_> {
         let facts = match done {
             Some(facts) if facts.steps == phase.config.train.steps => {
                 // With a checkpoint of the joint phase the data set is compared with that.
-                if !has_checkpoint(&job.folder()) {
+                if !joint_has_begun(&job.folder()) {
                     let warning = check_finished(&phase.training()?)?;
                     warning.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
                 }
@@ -276,8 +277,8 @@ impl Pipeline<'_> {
     }
 }
 
-/// True if a phase has begun to train in the folder.
-fn has_checkpoint(run: &RunFolder) -> bool {
+/// True if the joint phase of a run with templates and instances has begun: it has a checkpoint.
+pub fn joint_has_begun(run: &RunFolder) -> bool {
     std::fs::read_dir(run.checkpoints()).is_ok_and(|mut files| files.next().is_some())
 }
 
@@ -319,10 +320,25 @@ fn check_same_cloud(job: &PipelineJob) -> Result<(), PipelineError> {
     Err(IoError::new(&job.out, what).advise("leave that value, or train into another folder").into())
 }
 
+/// Refuses a folder whose joint phase was begun stage by stage: a whole run would begin with a plain cloud of its own, and
+/// replace what that phase goes on from.
+fn check_not_by_stages(job: &PipelineJob) -> Result<(), IoError> {
+    let folder = job.folder();
+    if job.resume && joint_has_begun(&folder) && folder.initial_scene().is_file() && !folder.prepared().is_file() {
+        let error = IoError::new(&job.out, "its joint phase was begun stage by stage");
+        return Err(error.advise("go on with Python's Pipeline(..., resume=True).joint, or train into another folder"));
+    }
+    Ok(())
+}
+
 /// A run that resumes keeps the objects and templates that it found, so their inputs must be unchanged.
-fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
-    let path = job.folder().config();
-    if !job.resume || !path.is_file() || !is_segmented(&job.folder()) {
+///
+/// # Errors
+/// The first key whose value differs and matters to the objects; a configuration that cannot be read.
+pub fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
+    let (folder, path) = (job.folder(), job.folder().config());
+    let is_prepared = folder.initial_scene().is_file() && folder.prepared().is_file();
+    if !job.resume || !path.is_file() || !(is_segmented(&folder) || is_prepared) {
         return Ok(());
     }
     let earlier: RunConfig = ConfigBuilder::new().run_file(&path)?.finish()?;

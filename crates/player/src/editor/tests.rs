@@ -205,6 +205,10 @@ fn hidden_things_stay_in_the_scene_and_come_back() {
     assert_eq!(editor.hide_chosen(), Some(Changed::Shown(vec![1])));
     assert!(editor.hidden().contains(&1) && editor.chosen().is_empty());
     assert!(scene == before && !editor.is_unsaved() && editor.steps() == [1, 0]);
+    for more in [true, false] {
+        editor.click(Some(1), more);
+        assert!(editor.chosen().is_empty(), "the Scene panel lists it, too");
+    }
     // All visible instances of one template.
     let template = before.instances[1].template;
     let other = (0..before.instances.len()).find(|&k| k != 1 && before.instances[k].template == template).unwrap();
@@ -334,4 +338,22 @@ fn a_file_that_is_written_meanwhile_saves_what_it_holds() {
     let revision = editor.revision();
     editor.saved_at(revision);
     assert!(!editor.is_unsaved());
+}
+
+#[test]
+fn a_state_is_the_same_until_something_is_changed() {
+    let mut scene = sample_scene();
+    let mut editor = Editor::default();
+    editor.click(Some(0), false);
+    let edit = move_by(&editor, DVec3::X);
+    editor.apply(&mut scene, &edit).unwrap();
+    let revision = editor.revision();
+    editor.set_hidden(&[1], true);
+    assert!(editor.is_at(revision), "the scene is as it was");
+    editor.apply_live(&mut scene, &edit).0.unwrap();
+    assert!(!editor.is_at(revision), "a change in progress counts");
+    editor.cancel(&mut scene);
+    assert!(editor.is_at(revision));
+    editor.apply(&mut scene, &edit).unwrap();
+    assert!(!editor.is_at(revision));
 }

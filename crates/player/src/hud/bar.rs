@@ -1,6 +1,8 @@
 //! The tool bar: icons with their keys as tool tips, and the frame rate.
 
-use egui::{Align2, Context, Frame, RichText, Ui};
+use std::f32::consts::TAU;
+
+use egui::{Align2, Context, Frame, RichText, Sense, Shape, Stroke, Ui, Vec2};
 use egui_phosphor::regular as icon;
 
 use super::{Facts, GAP, OpenPanels};
@@ -12,6 +14,9 @@ use crate::texts;
 const ICON: f32 = 18.0;
 /// Width of the bar of progress, points.
 const PROGRESS: f32 = 220.0;
+/// The spinner's arc, two thirds of a circle, has so many parts of this angle, radians.
+const ARCS: u8 = 16;
+const ARC: f32 = TAU / 24.0;
 
 /// Lays out the bar.
 pub(super) fn lay_out(ctx: &Context, facts: &Facts<'_>, panels: &mut OpenPanels, actions: &mut Vec<Action>) {
@@ -94,7 +99,7 @@ pub(super) fn work(ctx: &Context, name: &str, progress: Option<f32>, actions: &m
                 match progress {
                     Some(part) => drop(ui.add(egui::ProgressBar::new(part).desired_width(PROGRESS).text(name))),
                     None => {
-                        ui.spinner();
+                        spinner(ui);
                         ui.label(name);
                     }
                 }
@@ -104,4 +109,14 @@ pub(super) fn work(ctx: &Context, name: &str, progress: Option<f32>, actions: &m
             });
         });
     });
+}
+
+/// An arc that turns with the time of the frames, which come as often as the work is looked at: egui's own spinner asks for one
+/// frame right after another.
+fn spinner(ui: &mut Ui) {
+    let (rect, _) = ui.allocate_exact_size(Vec2::splat(ui.spacing().interact_size.y), Sense::hover());
+    let start = (ui.input(|input| input.time) % 1.0) as f32 * TAU;
+    let point = |k: u8| rect.center() + (rect.width() / 2.0 - 2.0) * Vec2::angled(start + f32::from(k) * ARC);
+    let colour = ui.visuals().strong_text_color();
+    ui.painter().add(Shape::line((0..=ARCS).map(point).collect(), Stroke::new(3.0, colour)));
 }

@@ -7,6 +7,7 @@ use egui::{Align2, Context, TextEdit, Ui};
 
 use super::{Facts, OpenPanels, Place, WIDTH, panel};
 use crate::actions::Action;
+use crate::path_field::PathField;
 use crate::texts;
 
 /// Endings of files that can be opened; below, of files that can be written.
@@ -16,8 +17,8 @@ const WRITTEN: [&str; 7] = ["instgs", "glb", "usda", "html", "ply", "spz", "sog"
 /// State of both panels.
 #[derive(Default)]
 pub(crate) struct FilePanel {
-    open: String,
-    save: String,
+    open: PathField,
+    save: PathField,
     /// The dialog that is open, and whether it is for saving.
     dialog: Option<(Receiver<Option<PathBuf>>, bool)>,
     /// True if the last dialog gave no file.
@@ -51,7 +52,7 @@ impl FilePanel {
             // The next time it begins with the scene's own file.
             self.save.clear();
         } else if self.save.is_empty() {
-            self.save = facts.file.to_owned();
+            self.save.give(facts.file);
         }
         let (mut opens, mut saves) = (panels.open, panels.save_as);
         panel(ctx, texts::OPEN, Place::of(ctx, Align2::CENTER_TOP), &mut opens, |ui| {
@@ -96,11 +97,11 @@ impl FilePanel {
 
     /// The field of a path with its buttons; returns the path once it is confirmed.
     fn path_row(&mut self, ui: &mut Ui, saves: bool) -> Option<PathBuf> {
-        let text = if saves { &mut self.save } else { &mut self.open };
+        let named = if saves { &mut self.save } else { &mut self.open };
         let mut done = false;
         ui.horizontal(|ui| {
             ui.label(texts::FILE);
-            let field = ui.add(TextEdit::singleline(text).desired_width(WIDTH));
+            let field = ui.add(TextEdit::singleline(&mut named.text).desired_width(WIDTH));
             // Enter takes the focus from the field, which must not get it back before that is seen.
             done |= field.lost_focus() && ui.input(enter_was_pressed);
             if !done && ui.memory(|memory| memory.focused().is_none()) {
@@ -108,15 +109,15 @@ impl FilePanel {
             }
             done |= ui.button(if saves { texts::SAVE } else { texts::OPEN }).clicked();
         });
-        let path = PathBuf::from(text.trim());
+        let path = named.path();
         if ui.add_enabled(self.dialog.is_none(), egui::Button::new(texts::BROWSE)).clicked() {
             self.no_dialog = false;
-            self.dialog = Some((ask(saves, path.clone(), ui.ctx().clone()), saves));
+            self.dialog = Some((ask(saves, path.clone().unwrap_or_default(), ui.ctx().clone()), saves));
         }
         if self.no_dialog {
             ui.label(texts::NO_DIALOG);
         }
-        (done && !path.as_os_str().is_empty()).then_some(path)
+        path.filter(|_| done)
     }
 
     /// Takes what the dialog gave.

@@ -4,7 +4,6 @@ use egui::{Pos2, Rect, vec2};
 
 use super::*;
 use crate::panel_texts::{PanelText, texts_of};
-use crate::resolution::Resolution;
 use instgs_samples::sample_scene;
 use instgs_vk::scene::trajectory::Orbit;
 
@@ -16,6 +15,12 @@ struct Desk {
     editor: Editor,
     navigator: Navigator,
     size: egui::Vec2,
+    lod_error_px: f32,
+    budget_ms: Option<f64>,
+    /// The work beside the picture.
+    work: Option<(String, Option<f32>)>,
+    /// When the last frame asked for another one.
+    delay: std::time::Duration,
 }
 
 impl Desk {
@@ -27,7 +32,8 @@ impl Desk {
         let navigator = Navigator::around(&Orbit::around(&scene, None));
         let mut hud = Hud::new(true);
         hud.panels.properties = false;
-        Self { ctx, hud, scene, editor: Editor::default(), navigator, size }
+        let (editor, delay) = (Editor::default(), std::time::Duration::MAX);
+        Self { ctx, hud, scene, editor, navigator, size, lod_error_px: 0.0, budget_ms: None, work: None, delay }
     }
 
     /// Lays out a few frames, in which panels settle, and returns the shapes of the last.
@@ -44,9 +50,9 @@ impl Desk {
             let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, self.size));
             let time = Some(0.5 * k as f64);
             let input = egui::RawInput { screen_rect, events, time, ..egui::RawInput::default() };
-            let Self { ctx, hud, scene, editor, navigator, .. } = self;
-            let (clock, stats, mut resolution) = (FrameClock::default(), FrameStats::default(), Resolution::default());
-            let (mut show, mut background, mut lod, mut occlusion) = (Show::Color, [0.0; 3], 0.0, false);
+            let Self { ctx, hud, scene, editor, navigator, lod_error_px, budget_ms, work, .. } = self;
+            let (clock, stats) = (FrameClock::default(), FrameStats::default());
+            let (mut show, mut background, mut occlusion) = (Show::Color, [0.0; 3], false);
             let mut present = PresentMode::Fifo;
             let output = ctx.run(input, |ctx| {
                 let facts = Facts {
@@ -67,10 +73,10 @@ impl Desk {
                     step: 0.1,
                     beside: DVec3::X,
                     mode: GizmoMode::Move,
-                    file: "/scenes/room.instgs",
+                    file: Path::new("/scenes/room.instgs"),
                     kept: &[],
                     recent: &["/scenes/room.instgs".into()],
-                    work: None,
+                    work: work.clone(),
                     boxes: false,
                     split: false,
                 };
@@ -79,13 +85,15 @@ impl Desk {
                     show: &mut show,
                     background: &mut background,
                     present: &mut present,
-                    budget_ms: &mut resolution.budget_ms,
-                    lod_error_px: &mut lod,
+                    budget_ms,
+                    lod_error_px,
                     occlusion: &mut occlusion,
                 };
                 actions.extend(hud.lay_out(ctx, &facts, settings));
             });
             shapes = output.shapes;
+            let delays = output.viewport_output.values().map(|viewport| viewport.repaint_delay);
+            self.delay = delays.min().unwrap_or(self.delay);
         }
         (shapes, actions)
     }
@@ -202,6 +210,32 @@ fn a_typed_path_replaces_nothing_unasked() {
     let to = "/scenes/room.instgs".into();
     assert_eq!(actions, [Action::Write { to, may_replace: false }]);
     assert!(!desk.hud.panels.save_as);
+}
+
+/// What the command line has set and no slider could stays as it is while the panel is open.
+#[test]
+fn the_view_panel_changes_nothing_by_itself() {
+    for (lod_error_px, budget_ms) in [(9.25, 0.5), (1.3, 5000.0)] {
+        let mut desk = Desk::new(vec2(1280.0, 720.0));
+        desk.hud.panels.view = true;
+        (desk.lod_error_px, desk.budget_ms) = (lod_error_px, Some(budget_ms));
+        let before = desk.navigator.clone();
+        desk.settled();
+        assert_eq!((desk.lod_error_px, desk.budget_ms), (lod_error_px, Some(budget_ms)));
+        assert!(desk.navigator == before);
+    }
+}
+
+/// Work is looked at every few milliseconds: no frame is drawn only to turn a spinner.
+#[test]
+fn work_beside_the_picture_asks_for_no_frames_itself() {
+    for progress in [None, Some(0.5)] {
+        let mut desk = Desk::new(vec2(1280.0, 720.0));
+        desk.work = Some(("Opening room.ply".into(), progress));
+        let shapes = desk.settled();
+        assert!(texts(&shapes).iter().any(|text| text == "Opening room.ply"));
+        assert!(!desk.delay.is_zero(), "{progress:?}");
+    }
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! How the scene is shown, and how the panels look.
 
-use egui::{DragValue, Slider, Theme, Ui};
+use egui::{DragValue, Slider, SliderClamping, Theme, Ui};
 use glam::DVec3;
 
 use super::{Facts, Settings, WIDTH};
@@ -25,7 +25,10 @@ pub(super) fn lay_out(
     let Settings { navigator, show, background, present, budget_ms, lod_error_px, occlusion } = settings;
     views::choose(ui, show, navigator.distance(), facts.stats.slabs);
     let mut degrees = navigator.fov_y().to_degrees();
-    if ui.add(Slider::new(&mut degrees, 5.0..=150.0).suffix("°").text(texts::FIELD_OF_VIEW)).changed() {
+    // What the command line has set stays as it is until it is changed here.
+    let only_edits = SliderClamping::Edits;
+    let slider = Slider::new(&mut degrees, 5.0..=150.0).clamping(only_edits).suffix(texts::DEGREES);
+    if ui.add(slider.text(texts::FIELD_OF_VIEW)).changed() {
         navigator.set_fov_y(degrees.to_radians());
     }
     ui.horizontal(|ui| {
@@ -44,14 +47,15 @@ pub(super) fn lay_out(
             }
         }
     });
-    let slider = Slider::new(lod_error_px, 0.0..=8.0).step_by(0.5).custom_formatter(|px, _| texts::pixels_or_off(px));
-    ui.add(slider.text(texts::DETAIL));
+    let slider = Slider::new(lod_error_px, 0.0..=8.0).clamping(only_edits).step_by(0.5);
+    ui.add(slider.custom_formatter(|px, _| texts::pixels_or_off(px)).text(texts::DETAIL));
     ui.checkbox(occlusion, texts::OCCLUSION).on_hover_text(texts::WHY_OCCLUSION);
     let mut limited = budget_ms.is_some();
     ui.horizontal(|ui| {
         ui.checkbox(&mut limited, texts::LOWER_RESOLUTION);
         let mut ms = budget_ms.unwrap_or(USUAL_BUDGET_MS);
-        ui.add_enabled(limited, DragValue::new(&mut ms).range(1.0..=1000.0).suffix(texts::MS));
+        let value = DragValue::new(&mut ms).range(1.0..=1000.0).clamp_existing_to_range(false);
+        ui.add_enabled(limited, value.suffix(texts::MS));
         *budget_ms = limited.then_some(ms);
     });
     ui.horizontal(|ui| {

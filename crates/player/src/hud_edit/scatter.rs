@@ -1,6 +1,6 @@
 //! The form that scatters copies of a template on the ground around an instance.
 
-use egui::{Button, DragValue, Grid, Ui};
+use egui::{Button, DragValue, Grid, Id, Ui};
 use glam::DVec3;
 
 use super::{Action, EditFacts, EditPanel};
@@ -33,8 +33,8 @@ pub(super) struct ScatterFields {
     pub(super) points: Vec<DVec3>,
     /// True while clicks in the picture draw points.
     pub(super) draws: bool,
-    /// True while the copies are shown and wait for a button.
-    pub(super) preview: bool,
+    /// The change that shows the copies, from the preview on until it ends.
+    pub(super) preview: Option<Id>,
     /// The instance that copies are made of.
     original: usize,
     count: usize,
@@ -50,7 +50,7 @@ pub(super) struct ScatterFields {
 impl Default for ScatterFields {
     fn default() -> Self {
         let (over, points) = (Over::Area, Vec::new());
-        let (draws, preview, original) = (false, false, 0);
+        let (draws, preview, original) = (false, None, 0);
         Self { over, points, draws, preview, original, count: 5, extent: [1.0; 2], distance: 0.0, turn: 360.0, seed: 1 }
     }
 }
@@ -101,6 +101,7 @@ impl ScatterFields {
 impl EditPanel {
     /// Fields and buttons for scattering copies around an instance, along a path or in a polygon.
     pub(super) fn scatter_copies(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, k: usize, actions: &mut Vec<Action>) {
+        let previews = self.previews();
         let fields = &mut self.scatter;
         let before = fields.clone();
         ui.horizontal(|ui| {
@@ -139,32 +140,33 @@ impl EditPanel {
                 row(texts::SEED, vec![DragValue::new(&mut fields.seed)]);
             }
         });
-        if !fields.preview {
+        if !previews {
             fields.original = k;
         }
         let (ready, changed) = (fields.is_ready(), *fields != before);
         let edit = || self.scatter.edit(facts.scene, self.scatter.original, facts.up);
         let (mut live, mut done) = (None, None);
         ui.horizontal(|ui| {
-            if !self.scatter.preview && ui.add_enabled(ready, Button::new(texts::PREVIEW)).clicked() {
+            if !previews && ui.add_enabled(ready, Button::new(texts::PREVIEW)).clicked() {
                 live = Some(edit());
             }
             if ui.add_enabled(ready, Button::new(texts::APPLY)).clicked() {
-                done = Some(if self.scatter.preview { Action::Finish } else { Action::Edit(edit()) });
+                done = Some(if previews { Action::Finish } else { Action::Edit(edit()) });
             }
-            if self.scatter.preview && ui.button(texts::CANCEL).clicked() {
+            if previews && ui.button(texts::CANCEL).clicked() {
                 done = Some(Action::Cancel);
             }
         });
-        if self.scatter.preview && changed && ready {
+        if previews && changed && ready {
             live = Some(edit());
         }
         if let Some(edit) = live {
-            self.scatter.preview = true;
-            self.change(ui.id().with("preview"), edit, actions);
+            let id = ui.id().with("preview");
+            self.scatter.preview = Some(id);
+            self.change(id, edit, actions);
         }
         if let Some(done) = done {
-            (self.scatter.preview, self.scatter.draws, self.live) = (false, false, None);
+            (self.scatter.preview, self.scatter.draws, self.live) = (None, false, None);
             self.scatter.points.clear();
             actions.push(done);
         }

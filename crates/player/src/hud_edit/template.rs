@@ -34,6 +34,11 @@ impl Shift {
     pub(super) fn finish(&mut self) {
         self.done = self.rgb;
     }
+
+    /// The shift in progress was reverted.
+    pub(super) fn cancel(&mut self) {
+        self.rgb = self.done;
+    }
 }
 
 /// State of a crop in progress.

@@ -142,16 +142,24 @@ fn the_position_is_that_of_the_centre() {
     assert!((after.y - before.y).abs() < 1e-5 && (after.z - before.z).abs() < 1e-5);
 }
 
-#[test]
-fn a_shift_of_colours_adds_up_over_drags() {
+/// A desk with the colour fields of an instance, and where the first number is.
+fn colour_desk() -> (Desk, Pos2) {
     let mut desk = Desk::new(&[0]);
     desk.click("Colour");
-    let before = desk.scene.clone();
-    // The first number is to the right of the colour button.
-    let red = |desk: &Desk| {
-        f64::from(desk.scene.offsets.sh_dc[0][0] - before.offsets.sh_dc[0][0]) * instgs_vk::math::sh::SH_C0
-    };
+    // It is to the right of the colour button.
     let from = desk.place("Shift").right_center() + egui::vec2(66.0, 0.0);
+    (desk, from)
+}
+
+/// By how much the instance's first Gaussian is redder than at first.
+fn red(desk: &Desk) -> f64 {
+    let before = sample_scene().offsets.sh_dc[0][0];
+    f64::from(desk.scene.offsets.sh_dc[0][0] - before) * instgs_vk::math::sh::SH_C0
+}
+
+#[test]
+fn a_shift_of_colours_adds_up_over_drags() {
+    let (mut desk, from) = colour_desk();
     for want in [1, 2] {
         desk.press(from, true);
         (1..4).for_each(|k| drop(desk.frame(vec![Event::PointerMoved(from + egui::vec2(10.0 * k as f32, 0.0))])));
@@ -164,6 +172,28 @@ fn a_shift_of_colours_adds_up_over_drags() {
     desk.editor.undo(&mut desk.scene);
     desk.frame(Vec::new());
     assert_eq!(desk.panel.shift.red(), 0.0, "the fields begin anew");
+}
+
+/// Saving completes the change in progress, and Escape reverts it: the number says what the colours are.
+#[test]
+fn a_shift_of_colours_that_is_ended_from_outside_counts_once_or_not() {
+    let (mut desk, from) = colour_desk();
+    let to = |x: f32| vec![Event::PointerMoved(from + egui::vec2(x, 0.0))];
+    desk.press(from, true);
+    desk.pictures(vec![to(10.0), to(20.0)]);
+    desk.editor.finish();
+    desk.pictures(vec![Vec::new(), to(30.0), to(40.0)]);
+    desk.press(from + egui::vec2(40.0, 0.0), false);
+    desk.frame(Vec::new());
+    assert_eq!(desk.editor.steps(), [2, 0]);
+    let shifted = desk.panel.shift.red();
+    assert!(red(&desk) > 0.1 && (red(&desk) - f64::from(shifted)).abs() < 1e-5, "{} {shifted}", red(&desk));
+    desk.press(from, true);
+    desk.pictures(vec![to(10.0), to(20.0)]);
+    desk.editor.cancel(&mut desk.scene);
+    desk.press(from + egui::vec2(20.0, 0.0), false);
+    desk.frame(Vec::new());
+    assert!(desk.editor.steps() == [2, 0] && desk.panel.shift.red() == shifted, "{}", desk.panel.shift.red());
 }
 
 /// A crop over several sliders is one undo step once applied, or none if cancelled.
@@ -210,6 +240,23 @@ fn scattered_copies_are_previewed() {
         desk.editor.undo(&mut desk.scene);
         assert!(desk.scene == before);
     }
+}
+
+/// Another field completes the preview, and changes the copies, which are selected.
+#[test]
+fn copies_that_another_field_changes_are_no_preview_any_more() {
+    let mut desk = Desk::new(&[0]);
+    let before = desk.scene.instances.len();
+    desk.click("Scatter copies");
+    desk.click("Preview");
+    let copies = desk.editor.chosen().clone();
+    desk.drag("Move by", 30.0);
+    desk.frame(Vec::new());
+    assert!(desk.editor.steps() == [2, 0] && !desk.editor.is_live(), "the copies, and their way");
+    assert!(*desk.editor.chosen() == copies && desk.scene.instances.len() == before + 5);
+    assert!(desk.screen.says("Preview") && !desk.screen.says("Cancel"));
+    // Applying the form adds more, and does not end what is over.
+    assert!(matches!(desk.click("Apply").as_slice(), [Action::Edit(Edit::Scatter(s))] if s.count == 5));
 }
 
 #[test]

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 /// Files without texts of the window: texts themselves, the command line with the errors that it shares with the window, and the
 /// language of scripts.
-const OTHER: [&str; 6] = ["texts.rs", "keys.rs", "program.rs", "main.rs", "error.rs", "script.rs"];
+const OTHER: [&str; 7] = ["texts.rs", "keys.rs", "questions.rs", "program.rs", "main.rs", "error.rs", "script.rs"];
 /// What stands before a literal that nobody reads: ids of widgets, endings and names of files, parts of other texts' errors.
-const BEFORE: [&str; 23] = [
+const BEFORE: [&str; 25] = [
     "with(",
     "Grid::new(",
     "Id::new(",
@@ -15,6 +15,8 @@ const BEFORE: [&str; 23] = [
     "from_id_salt(",
     "GpuError::vulkan(",
     "free_name(",
+    "free_names([",
+    "rescued(",
     "join(",
     "with_extension(",
     "with_file_name(",
@@ -32,13 +34,14 @@ const BEFORE: [&str; 23] = [
     "PlayerError::Script(format!(",
 ];
 /// Further literals that nobody reads, or that are names everywhere.
-const NAMES: [&str; 34] = [
+const NAMES: [&str; 35] = [
     "instgs",
     "ply",
     "spz",
     "sog",
     "splat",
     "glb",
+    "mp4",
     "usda",
     "html",
     "INSTGS_PLAYER_CONFIG",

@@ -216,7 +216,10 @@ impl Live {
                 KeyCode::KeyZ if self.input.controls.shift => BoxAction::Redo,
                 KeyCode::KeyZ => BoxAction::Undo,
                 KeyCode::KeyY => BoxAction::Redo,
-                KeyCode::KeyS => BoxAction::Save(self.input.boxing.panel.file().unwrap_or_else(|| self.box_file())),
+                // With Shift, it is for the scene.
+                KeyCode::KeyS if !self.input.controls.shift => {
+                    BoxAction::Save(self.input.boxing.panel.file().unwrap_or_else(|| self.box_file()))
+                }
                 _ => return Ok(false),
             };
             self.box_let_go();
@@ -263,9 +266,8 @@ impl Live {
     /// Saves the boxes to the file that the user has named; asks first if that replaces a file other than their own.
     fn ask_and_save_boxes(&mut self, path: &Path) {
         let is_own = self.input.boxing.file.as_deref().is_some_and(|own| is_same_file(own, path));
-        // Without boxes nothing is written.
-        let is_empty = self.input.boxing.list.boxes().is_empty();
-        if !self.asks_to_replace(path, is_own || is_empty) {
+        let writes_nothing = self.input.boxing.list.has_nothing_to_save();
+        if !self.asks_to_replace(path, is_own || writes_nothing) {
             self.save_boxes(path);
         }
     }
@@ -273,13 +275,13 @@ impl Live {
     /// Saves the boxes to a file.
     pub(super) fn save_boxes(&mut self, path: &Path) {
         self.box_let_go();
-        if self.input.boxing.list.boxes().is_empty() {
+        if self.input.boxing.list.has_nothing_to_save() {
             return self.says(texts::NO_BOXES);
         }
         let written = write_boxes(path, &self.input.boxing.list.to_file());
         if written.is_ok() {
             self.input.boxing.list.saved();
-            self.input.boxing.panel.saved_to(path.display().to_string());
+            self.input.boxing.panel.saved_to(path);
             self.input.boxing.file = Some(path.to_path_buf());
         }
         let [drawn, found] = self.input.boxing.list.counts();
@@ -301,7 +303,7 @@ impl Live {
             return Vec::new();
         }
         let [_, _, up] = self.camera.navigator.level_axes();
-        let (file, step) = (self.box_file().display().to_string(), self.number_step());
+        let (file, step) = (self.box_file(), self.number_step());
         let Boxing { list, panel, around, search, other_sizes, .. } = &mut self.input.boxing;
         let facts = BoxFacts {
             list,

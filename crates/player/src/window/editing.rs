@@ -183,11 +183,6 @@ impl Live {
         Ok(())
     }
 
-    /// True if closing the window would lose changes of the scene or of boxes.
-    pub(super) fn is_unsaved(&self) -> bool {
-        self.session.viewer.editor().is_unsaved() || self.input.boxing.is_unsaved()
-    }
-
     /// Erases along the brush's path since the last frame.
     fn stroke(&mut self, stroke: &mut Stroke) -> Result<(), PlayerError> {
         let before = stroke.centres.len();
@@ -299,8 +294,10 @@ impl Live {
         Ok(())
     }
 
-    /// Undoes or redoes a number of steps.
+    /// Undoes or redoes a number of steps of the list.
     fn travel(&mut self, by: isize) -> Result<(), PlayerError> {
+        // A preview is not in the list: it would become a step of its own, after which nothing can be redone.
+        self.session.viewer.cancel_live()?;
         for _ in 0..by.unsigned_abs() {
             let done = if by < 0 { self.session.viewer.undo() } else { self.session.viewer.redo() };
             if let Err(error) = done {

@@ -1,15 +1,17 @@
 //! Handles the window's events.
 
+use std::path::Path;
+
 use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
 use winit::keyboard::{Key, KeyCode, PhysicalKey};
 use winit::window::Fullscreen;
 
 use super::keeping::step;
+use super::leaving::Leaving;
 use super::{After, Live};
 use crate::actions::{Action, Panel};
 use crate::controls::{Button, FlightKey};
 use crate::error::PlayerError;
-use crate::texts;
 use crate::views::View;
 
 /// Points of a touch pad's scroll that count as one step of a wheel.
@@ -83,12 +85,9 @@ impl Live {
         Ok(if changed || response.repaint { After::Redraw } else { After::Nothing })
     }
 
-    /// Opens a file; if something is unsaved, asks first. True if the file is read.
-    pub(super) fn ask_and_open(&mut self, path: &std::path::Path) -> bool {
-        // The notice has the file's name, so that the second of two files dropped together does not count as the
-        // confirmation.
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let asks = self.asks_first(&texts::open_again(&name));
+    /// Opens a file; if that loses work, asks first. True if the file is read.
+    pub(super) fn ask_and_open(&mut self, path: &Path) -> bool {
+        let asks = self.asks_first(Leaving::Open(path.to_path_buf()));
         if !asks {
             self.read_beside(path);
         }
@@ -227,7 +226,7 @@ impl Live {
             KeyCode::Escape if !self.session.viewer.editor().chosen().is_empty() => {
                 self.session.viewer.editor_mut().click(None, false);
             }
-            KeyCode::Escape => return Ok(self.leave(texts::ESCAPE_AGAIN)),
+            KeyCode::Escape => return Ok(self.leave(Leaving::Escape)),
             KeyCode::KeyB => self.toggle_boxes()?,
             KeyCode::KeyF if self.input.boxing.on => self.find_rest(),
             KeyCode::KeyF => self.act_on_camera(&Action::Frame)?,
@@ -270,18 +269,25 @@ impl Live {
     }
 }
 
-/// The meaning of a key. Flight keys count by their place on the keyboard; other keys by the letter or sign on them
-/// where that has a meaning here, so that Ctrl+Z is where the layout has its Z.
+/// The meaning of a key; see [`code_at`].
 fn code_of(event: &KeyEvent, control: bool) -> Option<KeyCode> {
     let place = match event.physical_key {
         PhysicalKey::Code(code) => Some(code),
         PhysicalKey::Unidentified(_) => None,
     };
-    let flies = !control || !event.state.is_pressed();
-    match &event.logical_key {
-        Key::Character(text) if !place.is_some_and(|code| flies && flight_key(code).is_some()) => {
-            written_key(text).or(place)
-        }
+    code_at(place, &event.logical_key, !control || !event.state.is_pressed())
+}
+
+/// The meaning of a key at a place on the keyboard. Flight keys count by their place while keys fly; other keys by the letter or
+/// sign on them where that has a meaning here, so that Ctrl+Z is where the layout has its Z. `None` if it means nothing, as a
+/// flight key's letter at another place.
+fn code_at(place: Option<KeyCode>, written: &Key, flies: bool) -> Option<KeyCode> {
+    let is_flight = |code: KeyCode| flies && flight_key(code).is_some();
+    match written {
+        Key::Character(text) if !place.is_some_and(is_flight) => match written_key(text) {
+            None => place,
+            code => code.filter(|&code| !is_flight(code)),
+        },
         _ => place,
     }
 }
@@ -341,5 +347,21 @@ mod tests {
         for text in ["", "1", "ab", "\u{44f}", "{"] {
             assert_eq!(written_key(text), None, "{text}");
         }
+    }
+
+    #[test]
+    fn flying_goes_by_place_alone() {
+        let code = |place: KeyCode, text: &str, flies: bool| code_at(Some(place), &Key::Character(text.into()), flies);
+        // A French keyboard has A where others have Q, and W where they have Z.
+        assert_eq!(code(KeyCode::KeyQ, "a", true), Some(KeyCode::KeyQ));
+        assert_eq!(code(KeyCode::KeyZ, "w", true), None, "it neither flies nor is it a Z");
+        assert_eq!(code(KeyCode::KeyW, "z", true), Some(KeyCode::KeyW));
+        assert_eq!(code(KeyCode::KeyQ, "a", false), Some(KeyCode::KeyA), "Ctrl+A is where A is written");
+        assert_eq!(code(KeyCode::Semicolon, "m", true), Some(KeyCode::KeyM));
+        assert_eq!(code(KeyCode::Digit1, "&", true), Some(KeyCode::Digit1));
+        assert_eq!(
+            code_at(Some(KeyCode::Escape), &Key::Named(winit::keyboard::NamedKey::Escape), true),
+            Some(KeyCode::Escape)
+        );
     }
 }

@@ -39,7 +39,11 @@ impl Live {
         }
         let mut camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
         camera.name = unused_name(&self.camera.kept.list);
-        let thumbnail = self.thumbnail(&camera.name)?;
+        let thumbnail = match self.thumbnail(&camera.name) {
+            Err(error) if error.is_lost() => return Err(error),
+            // There is no memory for the picture, but the camera needs none.
+            thumbnail => thumbnail.unwrap_or_default(),
+        };
         self.hud.cameras.thumbnails.resize(self.camera.kept.list.len(), None);
         self.hud.cameras.thumbnails.push(thumbnail);
         self.camera.kept.list.push(camera);
@@ -128,7 +132,11 @@ impl Live {
         let (path, cameras) = (self.session.free_name("path.json"), recording.cameras());
         self.hud.message = Some(match write_cameras(&path, &cameras) {
             Ok(()) => texts::path_written(cameras.len(), PATH_FPS, &path),
-            Err(error) => error.to_string(),
+            Err(error) => {
+                // It goes on, and can be written later.
+                self.camera.recording = Some(recording);
+                error.to_string()
+            }
         });
     }
 

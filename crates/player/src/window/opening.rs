@@ -35,7 +35,7 @@ use instgs_vk::scene::trajectory::Orbit;
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
-        let title = job.path.file_name().map_or("instgs".into(), |name| name.to_string_lossy().into_owned());
+        let title = title_of(&job.path);
         let attributes = Window::default_attributes()
             .with_title(texts::window_title(&title))
             .with_inner_size(PhysicalSize::new(job.size_px.0, job.size_px.1));
@@ -183,15 +183,24 @@ impl Live {
         job: &WindowJob,
     ) -> Result<(), PlayerError> {
         if loaded.is_ok() {
-            self.session.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-            self.session.path = path.to_path_buf();
-            self.screen.window.set_title(&texts::window_title(&self.session.title));
+            self.take_path(path);
             self.camera.data_views = CameraList::default();
             self.camera.kept = CameraList { list: kept_cameras(path), at: None };
             self.hud.message = None;
         }
         self.take_scene(loaded, job)
     }
+
+    /// Another file is the scene's own from now on.
+    pub(super) fn take_path(&mut self, path: &Path) {
+        (self.session.title, self.session.path) = (title_of(path), path.to_path_buf());
+        self.screen.window.set_title(&texts::window_title(&self.session.title));
+    }
+}
+
+/// The name of a file, for people.
+fn title_of(path: &Path) -> String {
+    path.file_name().map_or("instgs".into(), |name| name.to_string_lossy().into_owned())
 }
 
 /// A viewer of nothing yet. Frames that are timed wait for all pages of a scene; in a window stand-ins are drawn until they come.

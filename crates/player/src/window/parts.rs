@@ -56,8 +56,13 @@ pub(super) struct Session {
 impl Session {
     /// The first unused file name beside the scene with this extension.
     pub(super) fn free_name(&self, ending: &str) -> PathBuf {
-        let mut names = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.{ending}")));
-        names.find(|path| !path.exists()).unwrap_or_default()
+        let [path] = self.free_names([ending]);
+        path
+    }
+
+    /// The names beside the scene with these extensions and the first number that none of them is used with.
+    pub(super) fn free_names<const N: usize>(&self, endings: [&str; N]) -> [PathBuf; N] {
+        free_names(&self.path, endings)
     }
 
     /// The file to save to: the scene's own if that is an `.instgs`; else an unused name beside it.
@@ -80,6 +85,13 @@ impl Session {
         });
         Ok(write_json(path, &record)?)
     }
+}
+
+/// The names beside a file with these extensions and the first number that none of them is used with.
+pub(super) fn free_names<const N: usize>(beside: &Path, endings: [&str; N]) -> [PathBuf; N] {
+    let mut names = (0..=u32::MAX).map(|n| endings.map(|ending| beside.with_extension(format!("{n:03}.{ending}"))));
+    let free = names.find(|paths| !paths.iter().any(|path| path.exists()));
+    free.unwrap_or_else(|| endings.map(|_| PathBuf::new()))
 }
 
 /// The window, its swapchain, and the overlay's input and output. Fields are dropped in order: the swapchain before the
@@ -162,6 +174,8 @@ pub(super) struct Pacing {
     refine: bool,
     /// When the overlay asks to be redrawn, for instance to show a tooltip.
     pub(super) ui_at: Option<Instant>,
+    /// When the work beside the picture, or the system's file dialog, is looked at again.
+    pub(super) look_at: Option<Instant>,
 }
 
 impl Pacing {
@@ -178,6 +192,7 @@ impl Pacing {
             refine_at: None,
             refine: false,
             ui_at: None,
+            look_at: None,
         }
     }
 
@@ -193,14 +208,14 @@ impl Pacing {
 
     /// True if a redraw is due, which is cleared even if no frame can be shown then, as in a hidden window.
     pub(super) fn take_due(&mut self, now: Instant) -> bool {
-        let due = [&mut self.refine_at, &mut self.ui_at].map(|at| at.take_if(|at| *at <= now));
+        let due = [&mut self.refine_at, &mut self.ui_at, &mut self.look_at].map(|at| at.take_if(|at| *at <= now));
         self.refine |= due[0].is_some();
         due.iter().any(Option::is_some)
     }
 
     /// When the next redraw is due.
     pub(super) fn wakes_at(&self) -> Option<Instant> {
-        self.refine_at.into_iter().chain(self.ui_at).min()
+        [self.refine_at, self.ui_at, self.look_at].into_iter().flatten().min()
     }
 
     /// True if the frame that begins at `start` is the one at full resolution after a time without motion.
@@ -253,5 +268,36 @@ impl Playback {
         }
         // It never goes back.
         real.map(|real| real.max(self.seconds))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn a_number_is_free_if_nothing_has_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let scene = at("room.instgs");
+        assert_eq!(free_names(&scene, ["frames", "mp4"]), [at("room.000.frames"), at("room.000.mp4")]);
+        // Of an earlier turntable only the video was kept, of the next only the frames.
+        std::fs::write(at("room.000.mp4"), "x").unwrap();
+        std::fs::create_dir(at("room.001.frames")).unwrap();
+        assert_eq!(free_names(&scene, ["frames", "mp4"]), [at("room.002.frames"), at("room.002.mp4")]);
+        assert_eq!(free_names(&scene, ["frames"]), [at("room.000.frames")]);
+    }
+
+    #[test]
+    fn work_that_is_waited_for_wakes_the_window() {
+        let (mut pacing, now) = (Pacing::new(None), Instant::now());
+        assert!(!pacing.take_due(now) && pacing.wakes_at().is_none());
+        let later = now + Duration::from_secs(1);
+        (pacing.look_at, pacing.refine_at) = (Some(now), Some(later));
+        assert_eq!(pacing.wakes_at(), Some(now));
+        assert!(pacing.take_due(now) && !pacing.take_refine(now), "it is no reason for the full resolution");
+        assert!(!pacing.take_due(now) && pacing.wakes_at() == Some(later));
     }
 }

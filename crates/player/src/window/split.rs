@@ -85,6 +85,8 @@ impl Split {
 impl Live {
     /// Shows or hides the scene as it was opened.
     pub(super) fn toggle_split(&mut self) -> Result<(), PlayerError> {
+        // A drag that went on would count twice: looking up the scene as it was opened completes the change in progress.
+        self.let_go()?;
         if self.split.take().is_some() {
             return Ok(());
         }

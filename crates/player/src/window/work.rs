@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, channel};
 use std::time::Duration;
 
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
 use super::leaving::is_same_file;
 use super::{Live, WindowJob};
@@ -22,11 +22,14 @@ use instgs_io::{
     ExportFormat, ExportedScene, IoError, Pack, PageOptions, atomic_write, export_scene, locked_temporary,
     packing_lost, page_text, save_scene,
 };
-use instgs_vk::scene::{Camera, InstancedScene};
+use instgs_vk::scene::camera::rigid_rows;
+use instgs_vk::scene::{Boxes, Camera, InstancedScene};
 use tempfile::NamedTempFile;
 
 /// How often it is looked whether ffmpeg has ended.
 const LOOK_AT_FFMPEG: Duration = Duration::from_millis(50);
+/// How long a closing window waits for cancelled work to remove its temporary file; ffmpeg ends within that time.
+const LET_STOP: Duration = Duration::from_millis(500);
 
 /// Notes for the user about a file that a thread has written, or why it could not.
 type Written = Result<Vec<String>, String>;
@@ -48,14 +51,20 @@ enum Kind {
 }
 
 /// Which scene is read.
-#[derive(Clone, Copy)]
 enum Opened {
     /// The one that the window was opened for.
     First,
-    /// Another one, in place of a scene without unsaved changes.
-    InPlace,
-    /// Another one, in place of a scene with unsaved changes: the user was asked about them.
-    InPlaceOfUnsaved,
+    /// Another one, in place of what there was then: the user has agreed to lose what of it is not saved.
+    InPlace(Agreed),
+}
+
+/// What is lost with a scene.
+struct Agreed {
+    /// Of the scene.
+    revision: u64,
+    boxes: Boxes,
+    /// True while a camera path is recorded.
+    records: bool,
 }
 
 struct Drawing {
@@ -64,6 +73,8 @@ struct Drawing {
     /// Where frames go, each under its camera's name; a single picture has a file of its own.
     folder: PathBuf,
     single: Option<PathBuf>,
+    /// The video of the frames.
+    video: PathBuf,
 }
 
 impl Live {
@@ -87,7 +98,10 @@ impl Live {
             return self.hud.message = Some(texts::IN_PAGES.into());
         }
         // Saving again waits for the file that is being saved. Other work is not thrown away for it.
-        self.wait_for_saving();
+        if self.wait_for_saving().is_err() {
+            // The notice says why, and is to be read.
+            return;
+        }
         if let Some(work) = &self.work {
             return self.hud.message = Some(texts::still_running(&work.name));
         }
@@ -118,9 +132,21 @@ impl Live {
 
     /// Reads a scene on a thread, in place of other work; it is shown once it is read.
     pub(super) fn read_beside(&mut self, path: &Path) {
-        let of = if self.is_unsaved() { Opened::InPlaceOfUnsaved } else { Opened::InPlace };
+        let agreed = Agreed {
+            revision: self.session.viewer.editor_mut().revision(),
+            boxes: self.input.boxing.boxes_of_file(),
+            records: self.camera.recording.is_some(),
+        };
         self.cancel_work();
-        self.read(path, of);
+        self.read(path, Opened::InPlace(agreed));
+    }
+
+    /// True if nothing but what the user has agreed to lose is lost with the present scene.
+    fn is_as_agreed(&self, agreed: &Agreed) -> bool {
+        let is_same = self.session.viewer.editor().is_at(agreed.revision)
+            && self.input.boxing.boxes_of_file() == agreed.boxes
+            && (agreed.records || self.camera.recording.is_none());
+        is_same || !self.is_unsaved()
     }
 
     /// Reads the scene that the window was opened for, as [`Live::read_beside`] does.
@@ -149,70 +175,105 @@ impl Live {
 
     /// Shows the scene that was read, if it is there; true if so.
     fn note_read(&mut self, job: &WindowJob) -> Result<bool, PlayerError> {
-        let Some(Work { kind: Kind::Read { done, path, of }, .. }) = &self.work else { return Ok(false) };
+        let Some(Work { kind: Kind::Read { done, path, .. }, .. }) = &self.work else { return Ok(false) };
         if self.playback.holds_file {
             return Ok(false);
         }
-        let (path, of) = (path.clone(), *of);
         let loaded = match done.try_recv() {
             Ok(loaded) => loaded,
             Err(TryRecvError::Empty) => return Ok(false),
-            Err(TryRecvError::Disconnected) => Err(IoError::new(&path, texts::READER_BROKE)),
+            Err(TryRecvError::Disconnected) => Err(IoError::new(path, texts::READER_BROKE)),
         };
-        self.work = None;
+        let Some(Work { kind: Kind::Read { path, of, .. }, .. }) = self.work.take() else { return Ok(false) };
         match of {
             Opened::First => self.take_first(loaded, job)?,
-            Opened::InPlace if loaded.is_ok() && self.is_unsaved() => {
+            Opened::InPlace(agreed) if loaded.is_ok() && !self.is_as_agreed(&agreed) => {
                 self.hud.message = Some(texts::changed_meanwhile(&path));
             }
-            Opened::InPlace | Opened::InPlaceOfUnsaved => self.take_file(&path, loaded, job)?,
+            Opened::InPlace(_) => self.take_file(&path, loaded, job)?,
         }
         Ok(true)
     }
 
+    /// Name of the work that leaving the scene stops. What is only read is not lost.
+    pub(super) fn work_to_stop(&self) -> Option<String> {
+        let work = self.work.as_ref().filter(|work| !matches!(work.kind, Kind::Read { .. }))?;
+        Some(work.name.clone())
+    }
+
     /// Cancels the work: a file that is being written never appears, frames that were drawn stay.
     pub(super) fn cancel_work(&mut self) {
-        let Some(work) = self.work.take() else { return };
+        if let Some(work) = self.take_cancelled() {
+            self.hud.message = Some(texts::was_cancelled(&work.name));
+        }
+    }
+
+    /// Cancels the work since the window closes.
+    pub(super) fn stop_work(&mut self) {
+        if let Some(Work { kind: Kind::Write { done, .. }, .. }) = self.take_cancelled() {
+            drop(done.recv_timeout(LET_STOP));
+        }
+    }
+
+    fn take_cancelled(&mut self) -> Option<Work> {
+        let work = self.work.take()?;
         work.cancelled.store(true, Ordering::Relaxed);
-        self.hud.message = Some(texts::was_cancelled(&work.name));
+        Some(work)
     }
 
     /// Waits until the scene's own file is written, if it is being written.
-    pub(super) fn wait_for_saving(&mut self) {
-        while matches!(&self.work, Some(Work { kind: Kind::Write { saved_revision: Some(_), .. }, .. })) {
-            self.note_written(Duration::from_secs(1));
-        }
+    ///
+    /// # Errors
+    /// Why it could not be written, which is displayed, too.
+    pub(super) fn wait_for_saving(&mut self) -> Result<(), PlayerError> {
+        self.wait_while(|work| matches!(work.kind, Kind::Write { saved_revision: Some(_), .. }))
     }
 
     /// Waits until a file is written; other work goes on.
-    pub(super) fn wait_for_writing(&mut self) {
-        while matches!(&self.work, Some(Work { kind: Kind::Write { .. }, .. })) {
-            self.note_written(Duration::from_secs(1));
+    ///
+    /// # Errors
+    /// Those of [`Live::wait_for_saving`].
+    pub(super) fn wait_for_writing(&mut self) -> Result<(), PlayerError> {
+        self.wait_while(|work| matches!(work.kind, Kind::Write { .. }))
+    }
+
+    fn wait_while(&mut self, waits: impl Fn(&Work) -> bool) -> Result<(), PlayerError> {
+        let mut written = Ok(());
+        while self.work.as_ref().is_some_and(&waits) {
+            written = self.note_written(Duration::from_secs(1));
         }
+        written
     }
 
     /// Takes the result of a thread if it comes within a time.
-    fn note_written(&mut self, within: Duration) {
-        let Some(Work { kind: Kind::Write { done, to, saved_revision }, .. }) = &self.work else { return };
+    ///
+    /// # Errors
+    /// Those of [`Live::wait_for_saving`].
+    fn note_written(&mut self, within: Duration) -> Result<(), PlayerError> {
+        let Some(Work { kind: Kind::Write { done, to, saved_revision }, .. }) = &self.work else { return Ok(()) };
         let result = match done.recv_timeout(within) {
             Ok(result) => result,
-            Err(RecvTimeoutError::Timeout) => return,
+            Err(RecvTimeoutError::Timeout) => return Ok(()),
             Err(RecvTimeoutError::Disconnected) => Err(texts::WRITER_BROKE.into()),
         };
         let (to, saved) = (to.clone(), *saved_revision);
         self.work = None;
-        self.hud.message = Some(match (result, saved) {
-            (Err(reason), _) => reason,
+        let text = match (result, saved) {
+            (Err(reason), _) => {
+                self.hud.message = Some(reason.clone());
+                return Err(PlayerError::Unwritten(reason));
+            }
             (Ok(notes), None) => texts::with_notes(texts::exported(&to), &notes),
             (Ok(mut notes), Some(revision)) => {
                 self.session.viewer.editor_mut().saved_at(revision);
                 notes.extend(self.take_kept_cameras(&to));
-                let text = texts::with_notes(texts::saved(&to), &notes);
                 self.recent.note(&to);
-                self.session.path = to;
-                text
+                self.take_path(&to);
+                texts::with_notes(texts::saved(&to), &notes)
             }
-        });
+        };
+        self.hud.message = Some(text);
+        Ok(())
     }
 
     /// Begins to draw frames into files beside the scene.
@@ -225,18 +286,19 @@ impl Live {
             Take::AlongKept => along(&self.camera.kept.list, size_px, frames),
         };
         let single = (take == Take::Still).then(|| self.session.free_name("png"));
-        let folder = self.session.free_name("frames");
+        let [folder, video] = self.session.free_names(["frames", "mp4"]);
         if let (None, Err(error)) = (&single, std::fs::create_dir_all(&folder)) {
             return self.hud.message = Some(format!("{}: {error}", folder.display()));
         }
         let name = texts::frames_of(cameras.len(), size_px);
-        let kind = Kind::Draw(Drawing { cameras, next: 0, folder, single });
+        let kind = Kind::Draw(Drawing { cameras, next: 0, folder, single, video });
         self.work = Some(Work { name, cancelled: Arc::default(), kind });
     }
 
     /// Goes on with the work; true if the next picture should follow at once.
     pub(super) fn go_on_working(&mut self, job: &WindowJob) -> Result<bool, PlayerError> {
-        self.note_written(Duration::ZERO);
+        // What went wrong is displayed.
+        drop(self.note_written(Duration::ZERO));
         if self.note_read(job)? {
             return Ok(true);
         }
@@ -261,25 +323,26 @@ impl Live {
             }
             return Ok(true);
         }
-        let (single, folder, count) = (drawing.single.clone(), drawing.folder.clone(), drawing.cameras.len());
-        self.work = None;
+        let Some(Work { kind: Kind::Draw(Drawing { cameras, folder, single, video, .. }), .. }) = self.work.take()
+        else {
+            return Ok(false);
+        };
         match single {
             Some(path) => self.hud.message = Some(texts::saved(&path)),
-            None => self.encode(&folder, count),
+            None => self.encode(folder, video, cameras.len()),
         }
         Ok(true)
     }
 
     /// Makes a video of frames on a thread, where ffmpeg is on the machine.
-    fn encode(&mut self, folder: &Path, count: usize) {
+    fn encode(&mut self, folder: PathBuf, to: PathBuf, count: usize) {
         let known = Command::new("ffmpeg").arg("-version").stdout(Stdio::null()).stderr(Stdio::null()).status();
         if !known.is_ok_and(|status| status.success()) {
-            let text = texts::no_ffmpeg(count, folder);
-            return self.hud.message = Some(text);
+            return self.hud.message = Some(texts::no_ffmpeg(count, &folder));
         }
         let (sender, done) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
-        let (folder, to, stop) = (folder.to_path_buf(), folder.with_extension("mp4"), cancelled.clone());
+        let stop = cancelled.clone();
         let name = texts::making(&to);
         let kind = Kind::Write { done, to: to.clone(), saved_revision: None };
         std::thread::spawn(move || drop(sender.send(video(&folder, &to, &stop))));
@@ -394,19 +457,20 @@ fn video(folder: &Path, to: &Path, cancelled: &AtomicBool) -> Written {
         let reason = String::from_utf8_lossy(&output.stderr);
         return Err(format!("ffmpeg: {}", reason.lines().last().unwrap_or("failed")));
     }
-    // The file is locked until it has its name.
-    let rename = || part.persist(to).map(drop).map_err(|error| cannot_write(to, &error.error));
+    // The file is locked until it has its name, which another program may have taken meanwhile.
+    let rename = || part.persist_noclobber(to).map(drop).map_err(|error| cannot_write(to, &error.error));
     unless_cancelled(cancelled, rename)?;
     Ok(Vec::new())
 }
 
-/// Cameras on a circle about the up axis through the target, starting with one.
+/// The first camera turned about the up axis through the target, a full turn. It keeps its roll, and may look along the axis.
 fn turntable(first: &Camera, target: DVec3, up: DVec3, frames: u32) -> Vec<Camera> {
-    let fov_y = 2.0 * (0.5 * f64::from(first.height) / first.fy).atan();
     let from = first.position_world() - target;
     let camera = |k: u32| {
         let turn = DQuat::from_axis_angle(up, std::f64::consts::TAU * f64::from(k) / f64::from(frames));
-        Camera::look_at(&format!("{k:05}"), target + turn * from, target, up, fov_y, (first.width, first.height))
+        let rotation = first.rotation() * DMat3::from_quat(turn).transpose();
+        let view_from_world = rigid_rows(rotation, -(rotation * (target + turn * from)));
+        Camera { name: format!("{k:05}"), view_from_world, ..first.clone() }
     };
     (0..frames).map(camera).collect()
 }
@@ -420,105 +484,4 @@ fn along(kept: &[Camera], size_px: [u32; 2], frames: u32) -> Vec<Camera> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use instgs_io::write_cameras;
-    use instgs_samples::sample_scene;
-    use instgs_vk::scene::PixelFilter;
-
-    #[test]
-    fn a_turntable_closes_and_a_path_ends_where_it_should() {
-        let first = Camera::look_at("a", DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z, 0.8, (160, 90));
-        let circle = turntable(&first, DVec3::ZERO, DVec3::Z, 4);
-        assert!(circle[0].position_world().distance(first.position_world()) < 1e-9 && circle[0].fy == first.fy);
-        assert!(circle[2].position_world().distance(DVec3::new(-3.0, 0.0, 1.0)) < 1e-9);
-        let path = along(&circle[..3], [64, 36], 11);
-        assert_eq!((path.len(), path[0].width), (11, 64));
-        assert!(path[10].position_world().distance(circle[2].position_world()) < 1e-6);
-        assert!(path[5].position_world().distance(circle[1].position_world()) < 1e-6);
-    }
-
-    #[test]
-    fn a_way_along_far_cameras_moves_at_every_step_and_squeezes_nothing() {
-        let first = Camera::look_at("a", DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z, 0.8, (160, 90));
-        let path = along(&turntable(&first, DVec3::ZERO, DVec3::Z, 4)[..3], [64, 64], 120);
-        assert_eq!(path.len(), 120);
-        for pair in path.windows(2) {
-            let step = pair[0].position_world().distance(pair[1].position_world());
-            assert!((0.04..0.08).contains(&step), "{}: {step}", pair[1].name);
-        }
-        assert!(path.iter().all(|camera| (camera.fx - camera.fy).abs() < 1e-9 && camera.width == 64));
-    }
-
-    /// The sample scene, for a file in a folder; the scene is from a file beside it.
-    fn writing(folder: &Path, name: &str) -> Writing {
-        let to = folder.join(name);
-        Writing {
-            scene: sample_scene(),
-            from: folder.join("scene.instgs"),
-            format: ExportFormat::of(&to, None).unwrap(),
-            to,
-            saves: false,
-            up: DVec3::Z,
-            up_of_user: None,
-            cancelled: Arc::default(),
-        }
-    }
-
-    #[test]
-    fn what_is_cancelled_leaves_no_file() {
-        for name in ["a.ply", "a.html"] {
-            for (cancelled, files) in [(true, 0), (false, 1)] {
-                let folder = tempfile::tempdir().unwrap();
-                let job = writing(folder.path(), name);
-                let to = job.to.clone();
-                job.cancelled.store(cancelled, Ordering::Relaxed);
-                assert_eq!(job.run().is_err(), cancelled, "{name}");
-                assert_eq!((folder.path().read_dir().unwrap().count(), to.exists()), (files, !cancelled), "{name}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_page_has_its_files_name_and_the_first_training_camera() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("cameras.json");
-        let camera = |name: &str| Camera::look_at(name, DVec3::X, DVec3::ZERO, DVec3::NEG_Y, 0.8, (160, 90));
-        write_cameras(&file, &[camera("first_view"), camera("second_view")]).unwrap();
-        let page = |job: Writing| {
-            let to = job.to.clone();
-            (job.run().unwrap(), std::fs::read_to_string(to).unwrap())
-        };
-        let (notes, text) = page(writing(folder.path(), "room.html"));
-        assert_eq!(notes, Vec::<String>::new());
-        assert!(text.contains("<title>room</title>") && text.contains("first_view") && !text.contains("second_view"));
-        std::fs::write(&file, "no cameras").unwrap();
-        let (notes, text) = page(writing(folder.path(), "hall.html"));
-        assert!(notes.len() == 1 && notes[0].contains("cameras.json"), "{notes:?}");
-        assert!(text.contains("<title>hall</title>") && !text.contains("first_view"));
-    }
-
-    #[test]
-    fn what_a_file_cannot_hold_is_told_with_its_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut job = writing(folder.path(), "a.glb");
-        job.scene.pixel_filter = PixelFilter { antialias: true, dilation_px2: 0.1 };
-        let done = texts::exported(&job.to);
-        let notes = job.run().unwrap();
-        assert!(notes.len() == 2 && notes[0].starts_with(".glb has no place"), "{notes:?}");
-        let text = texts::with_notes(done.clone(), &notes);
-        assert!(text.starts_with(&format!("{done}; .glb has no place")) && text.ends_with("(and 1 more)"), "{text}");
-        assert_eq!(texts::with_notes(done.clone(), &notes[..1]), format!("{done}; {}", notes[0]));
-        assert_eq!(texts::with_notes(done.clone(), &[]), done);
-    }
-
-    /// Files of this kind that nobody has locked are removed by whoever writes into the folder for the first time.
-    #[cfg(unix)]
-    #[test]
-    fn a_video_that_is_being_made_is_not_taken_for_one_left_behind() {
-        let folder = tempfile::tempdir().unwrap();
-        let part = part_of(&folder.path().join("a.mp4")).unwrap();
-        let same_file = std::fs::File::open(part.path()).unwrap();
-        assert!(same_file.try_lock().is_err() && part.path().extension().is_some_and(|ending| ending == "mp4"));
-    }
-}
+mod tests;
