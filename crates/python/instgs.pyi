@@ -1,6 +1,7 @@
 """3D Gaussian scenes with shared templates for repeated objects: load, render, edit, train; on Vulkan, without CUDA."""
 
 from os import PathLike
+from pathlib import Path
 from typing import Any, Callable, Literal, Mapping, Optional, Sequence, TypedDict, Union, final, overload
 
 import numpy as np
@@ -17,6 +18,7 @@ _Path = Union[str, PathLike[str]]
 _Device = Union[int, str]
 _Split = Literal["test", "train", "all"]
 _Which = Union[int, Sequence[int], str]
+_Setting = Union[bool, int, float, str, PathLike[str], np.generic]
 
 class Error(Exception):
     """What was asked for is not possible. The text is one line: what is wrong, where, and what to do."""
@@ -137,11 +139,12 @@ class Scene:
         up: Optional[ArrayLike] = None,
         device: Optional[_Device] = None,
     ) -> None:
-        """Writes the scene: .instgs, .glb, .usda, .usdc and .html (a page that draws it) keep instances; .ply, .spz and .sog have them
-        expanded.
+        """Writes the scene: .instgs, .glb, .usda, .usdc and .html (a page that draws it) keep instances; .ply, .spz and .sog have
+        them expanded.
 
         pack is for .instgs and .html; with data, a data set's folder, "small" is only as precise as its views need for pictures of
-        picture_psnr dB. up: the direction that becomes +y of .glb, .usda and .usdc. device: for data. Raises Error."""
+        picture_psnr dB. up: the direction that becomes +y of .glb, .usda and .usdc, and points up in .html. device: for data. Both
+        are warned of where they are not used. Raises Error."""
     def copy(self) -> Scene:
         """An independent copy."""
     @overload
@@ -204,12 +207,14 @@ class Scene:
         seed: Optional[int] = None,
         path: Optional[ArrayLike] = None,
         yaw: Optional[float] = None,
+        area: Optional[ArrayLike] = None,
         offsets_of: Optional[_Which] = None,
         copy: bool = False,
         up: Optional[ArrayLike] = None,
     ) -> Outcome:
-        """Adds instances over a plane (point, extent, normal; at least distance apart, turned by up to turn degrees) or along
-        a path [N, 3]; offsets_of gives them the offsets of an instance, shared, or copied with copy=True."""
+        """Adds at most 1000000 instances: over a plane (point, extent, normal) or in a polygon (area [N, 3]), at least distance
+        apart and turned by up to turn degrees, or along a path [N, 3]; offsets_of gives them the offsets of an instance, shared,
+        or copied with copy=True."""
     @overload
     def edit(
         self,
@@ -357,21 +362,25 @@ class Renderer:
     ) -> Picture:
         """Draws the scene as the camera sees it. background: rgb behind everything; near: depth of the near plane, and antialias,
         dilation (px^2), the pixel filter: by default the scene's; lod: merge far Gaussians with an error of at most that many
-        pixels; hide: instances to leave out; ids: whether instance_ids are made. Raises Error."""
+        pixels; hide: instances to leave out, [] for none; ids: whether instance_ids are made. Raises Error."""
     @property
     def device(self) -> str:
         """Name of the device."""
 
-class _Figures(TypedDict):
+class _AlwaysMeasured(TypedDict):
     psnr: float
     ssim: float
     lpips: Optional[float]
+
+class _Figures(_AlwaysMeasured, total=False):
+    psnr_exposed: float
 
 class _ViewFigures(_Figures):
     name: str
 
 class Evaluation(TypedDict):
-    """The figures of each view and their means: PSNR in dB, SSIM, and LPIPS if its weights were there."""
+    """The figures of each view and their means: PSNR in dB, SSIM, and LPIPS if its weights were there; with exposures, also PSNR
+    up to the photos' exposures."""
 
     views: list[_ViewFigures]
     mean: _Figures
@@ -387,7 +396,7 @@ class Trained:
     def report(self) -> dict[str, Any]:
         """The contents of RUN/report.json: steps, seconds, figures of the test views, counts, sizes, device."""
     @property
-    def folder(self) -> PathLike[str]:
+    def folder(self) -> Path:
         """The run folder, with report.html and all else."""
 
 def train(
@@ -396,7 +405,7 @@ def train(
     method: Optional[Literal["3dgs", "instgs"]] = None,
     *,
     config: Optional[_Path] = None,
-    set: Optional[Mapping[str, Union[bool, int, float, str, PathLike[str]]]] = None,
+    set: Optional[Mapping[str, _Setting]] = None,
     resume: bool = False,
     accept_changed_data: bool = False,
     device: Optional[_Device] = None,
@@ -405,12 +414,13 @@ def train(
     """Trains a scene from a data set's photos into the run folder out, as the command line's train.
 
     method: by default the configuration's. config: a preset ("quick", "instgs_quick", ...) or a TOML file. set: values above
-    the configuration's, {"steps": 500, "joint.steps": 300}; a path object becomes absolute. resume: continue the run in out
-    with its configuration; accept_changed_data: although the data set has changed since. on_event: called with a dict for every
-    event, as in events.jsonl, with the "phase".
+    the configuration's, {"steps": 500, "joint.steps": 300}; a path object becomes absolute. resume: continue the run of train in
+    out with its configuration (one of a Pipeline goes on with Pipeline(..., resume=True).joint); where there is none, a new one
+    begins with a warning. accept_changed_data: continue although the data set has changed since. on_event: called with a dict for
+    every event, as in events.jsonl, with the "phase".
 
-    Ctrl-C, and an exception of on_event, stop the run after the step, with a checkpoint; then that exception is raised.
-    Raises Error."""
+    Ctrl-C, and an exception of on_event, stop the run after the step, with a checkpoint, or after the photo that is being read;
+    then that exception is raised. Raises Error."""
 
 @final
 class Segments:
@@ -435,8 +445,8 @@ class Segments:
     def cameras(self) -> list[Camera]:
         """The training views' cameras, at the size that is trained at."""
     def relabelled(self, labels: ArrayLike) -> Segments:
-        """The same with other labels, [N]: what you know better than the masks. The files of the folder keep those found. Raises
-        Error."""
+        """The same with other labels, [N], whole numbers from 0 to 65535: what you know better than the masks. The files of the
+        folder keep those found. Raises Error."""
     def __len__(self) -> int: ...
 
 class _GroupNeeds(TypedDict):
@@ -502,13 +512,16 @@ class Pipeline:
         out: _Path,
         *,
         config: Optional[_Path] = None,
-        set: Optional[Mapping[str, Union[bool, int, float, str, PathLike[str]]]] = None,
+        set: Optional[Mapping[str, _Setting]] = None,
         resume: bool = False,
+        accept_changed_data: bool = False,
         device: Optional[_Device] = None,
         on_event: Optional[Callable[[dict[str, Any]], object]] = None,
     ) -> None:
         """config, set and on_event are those of train. resume: the folder's configuration is used, segment reads labels that are
-        there, and joint goes on from its last checkpoint. Raises Error."""
+        there, and joint goes on from its last checkpoint, for which it wants the scene that it began with; where there is no run,
+        a new one begins with a warning. accept_changed_data: joint goes on although the data set has changed since. Raises
+        Error."""
     def segment(self, cloud: Scene) -> Segments:
         """Finds the object of each Gaussian of a trained plain cloud in the masks of its training views. Raises Error."""
     def register(self, segments: Segments) -> Poses:
@@ -517,10 +530,10 @@ class Pipeline:
     def template(self, segments: Segments, poses: Poses) -> Merged:
         """Makes one template for each group, with offsets for its objects. The scene is not trained yet. Raises Error."""
     def joint(self, scene: Scene) -> Trained:
-        """Trains templates, offsets, background and poses together, from Merged.scene or another instanced scene. Raises
-        Error."""
+        """Trains templates, offsets, background and poses together, from Merged.scene or another instanced scene. One that was
+        stopped goes on with Pipeline(..., resume=True).joint of the same scene. Raises Error."""
     @property
-    def folder(self) -> PathLike[str]:
+    def folder(self) -> Path:
         """The folder of the results."""
 
 def eval(
@@ -534,13 +547,19 @@ def eval(
     antialias: Optional[bool] = None,
     dilation: Optional[float] = None,
     exposures: bool = False,
-    lpips: Literal["alex", "vgg", "squeeze"] = "alex",
+    lpips: Optional[Literal["alex", "vgg", "squeeze"]] = None,
     lpips_weights: Optional[_Path] = None,
+    lpips_range: Literal["11", "01"] = "11",
     skip_missing: bool = False,
     device: Optional[_Device] = None,
     on_view: Optional[Callable[[str, _Figures], object]] = None,
 ) -> Evaluation:
-    """Renders a data set's views and compares them with the photos. Raises Error, or what on_view raises."""
+    """Renders a data set's views and compares them with the photos.
+
+    width: the photos are downscaled to it. exposures: also PSNR up to the photos' exposures. lpips: "alex" if none is named; one
+    that is named and has no weights is left out with a warning. lpips_range: range of the network's input, "11" = -1..1, as it was
+    trained, or "01" = 0..1: lpips="vgg", lpips_range="01" is what the 3DGS paper's metrics.py computes. Raises Error, or what
+    on_view raises."""
 
 def synth(
     out: _Path,

@@ -1,10 +1,14 @@
 //! Arrays to and from numpy. All that go out are copies; what comes in may be anything that numpy makes an array of.
 
+use glam::DVec3;
 use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::error::{OrRaise, raised};
+
+/// The largest id of an object: that of a mask with 16 bits.
+const MAX_ID: u16 = u16::MAX;
 
 /// A numpy array `[len, N]` of rows.
 pub(crate) fn from_rows<'py, T: Element + Copy, const N: usize>(
@@ -56,6 +60,32 @@ impl<T: Element + Copy> Numbers<T> {
     pub(crate) fn rows<const N: usize>(&self) -> Vec<[T; N]> {
         self.values.as_chunks().0.to_vec()
     }
+}
+
+/// The ids of objects in an array-like value of any kind of number, 0 for none. They are not read as integers: numpy would wrap and
+/// cut what is no id.
+///
+/// # Errors
+/// The same as [`Numbers::of`]; or a number that is no id, which the text names.
+pub(crate) fn ids(value: &Bound<'_, PyAny>, name: &str, want: &[Option<usize>]) -> PyResult<Vec<u32>> {
+    let is_id = |v: f64| (0.0..=f64::from(MAX_ID)).contains(&v) && v.fract() == 0.0;
+    let id = |v: f64| match is_id(v) {
+        true => Ok(v as u32),
+        false => Err(raised(format_args!("{name}: {v} is no id of an object: want whole numbers from 0 to {MAX_ID}"))),
+    };
+    Numbers::<f64>::of(value, name, want)?.values.into_iter().map(id).collect()
+}
+
+/// A direction of any length but zero.
+///
+/// # Errors
+/// The same as [`vector`]; or numbers that have no direction.
+pub(crate) fn direction(value: &Bound<'_, PyAny>, name: &str) -> PyResult<DVec3> {
+    let direction = DVec3::from_array(vector(value, name)?);
+    if direction.try_normalize().is_none() {
+        return Err(raised(format_args!("{name} has no direction: want finite numbers that are not all 0")));
+    }
+    Ok(direction)
 }
 
 /// N numbers of an array-like value.

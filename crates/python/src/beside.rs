@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use instgs_io::IoError;
 use instgs_objects::pipeline::{Message, Observer};
+use instgs_train::TrainMessage;
 use instgs_train::interrupt::Interrupt;
 use pyo3::prelude::*;
 
@@ -42,18 +43,22 @@ impl Teller {
     }
 }
 
-/// Passes messages on. It stops the work between two stages when that is asked for; the trainer looks for itself, between
-/// steps, and leaves a checkpoint.
+/// Passes messages on. It stops the work between two stages, and while photos are read, when that is asked for; the trainer looks
+/// for itself, between steps, and leaves a checkpoint.
 impl Observer for Teller {
     fn notify(&mut self, message: Message<'_>) -> Result<(), IoError> {
         if let Some(told) = told(&message) {
             self.tell(told);
         }
-        let trains = matches!(message, Message::Training { .. } | Message::Trained { .. });
+        let trains = match message {
+            // Reading may take minutes, and there is no step yet whose result would be lost.
+            Message::Training { message: TrainMessage::PhotoRead { .. }, .. } => false,
+            Message::Training { .. } | Message::Trained { .. } => true,
+            _ => false,
+        };
         if self.interrupt.requested() && !trains {
-            return Err(
-                IoError::new(&self.folder, "was stopped between two stages").advise("continue it with resume=True")
-            );
+            let error = IoError::new(&self.folder, "was stopped between two stages, or before the first step");
+            return Err(error.advise("continue it with resume=True"));
         }
         Ok(())
     }

@@ -1,7 +1,5 @@
 //! `Scene.edit`: the engine's edits by name, with their values as keywords. Names, values and units are the command line's.
 
-use std::sync::Arc;
-
 use glam::DVec3;
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Turn, apply};
@@ -12,22 +10,28 @@ use pyo3::types::PyDict;
 use crate::edit_values::{Values, selector};
 use crate::error::{raised, warn};
 use crate::json::to_python;
+use crate::scene::Scene;
 
 /// The operations, as an error lists them.
 const OPERATIONS: &str = "duplicate, move, rotate, scale, delete, recolour, swap, scatter, crop and erase";
 
+/// Upper bound of the instances of one scatter, as on the command line: more than any scene shows, so a typing error ends here.
+const MOST_SCATTERED: usize = 1_000_000;
+
 /// Applies an edit; its remarks are warnings too.
 pub(crate) fn edit<'py>(
     py: Python<'py>,
-    scene: &mut Arc<InstancedScene>,
+    scene: &Scene,
     operation: &str,
     which: Option<&Bound<'py, PyAny>>,
     values: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let named = |what: &PyErr| raised(format_args!("{operation}: {}", what.value(py)));
     let mut values = Values::new(which, values)?;
-    let edit = values.edit(scene, operation).and_then(|edit| values.end().map(|()| edit)).map_err(|e| named(&e))?;
-    let outcome = py.detach(|| apply(Arc::make_mut(scene), &edit)).map_err(raised)?;
+    // The snapshot ends here: what is shared when it is changed is copied first.
+    let edit = values.edit(&scene.snapshot(py), operation).and_then(|edit| values.end().map(|()| edit));
+    let edit = edit.map_err(|e| named(&e))?;
+    let outcome = scene.change(py, |scene| apply(scene, &edit)).map_err(raised)?;
     for what in &outcome.warnings {
         warn(py, format_args!("{operation}: {what}"))?;
     }
@@ -36,16 +40,10 @@ pub(crate) fn edit<'py>(
 
 impl Values<'_, '_> {
     fn edit(&mut self, scene: &InstancedScene, operation: &str) -> PyResult<Edit> {
-        let up = self.vector("up")?.map(DVec3::from_array);
-        let up = || Orbit::around(scene, up).up;
         Ok(match operation {
-            "duplicate" => Edit::Duplicate {
-                which: self.selector()?,
-                by: self.vector("by")?.map_or(DVec3::ZERO, DVec3::from_array),
-                turn: self.radians("yaw")?.map(|angle| Turn { axis: up(), angle }),
-            },
+            "duplicate" => self.duplicate(scene)?,
             "move" => self.move_to_or_by()?,
-            "rotate" => Edit::Rotate { which: self.selector()?, turn: self.turn(up)? },
+            "rotate" => Edit::Rotate { which: self.selector()?, turn: self.turn(scene)? },
             "scale" => Edit::Scale { which: self.selector()?, by: self.needed("by")? },
             "delete" => Edit::Delete { which: self.selector()? },
             "recolour" | "recolor" => {
@@ -53,7 +51,7 @@ impl Values<'_, '_> {
                 Edit::Recolour { which, rgb: rgb.map(|v| v as f32) }
             }
             "swap" => Edit::Swap { which: self.selector()?, template: self.needed("template")? },
-            "scatter" => Edit::Scatter(self.scatter(up)?),
+            "scatter" => Edit::Scatter(self.scatter(scene)?),
             "crop" => self.crop()?,
             "erase" => Edit::Erase {
                 template: self.needed("template")?,
@@ -61,6 +59,15 @@ impl Values<'_, '_> {
                 radius: self.needed("radius")?,
             },
             _ => return Err(raised(format_args!("is no operation: there are {OPERATIONS}"))),
+        })
+    }
+
+    fn duplicate(&mut self, scene: &InstancedScene) -> PyResult<Edit> {
+        let up = self.direction("up")?;
+        Ok(Edit::Duplicate {
+            which: self.selector()?,
+            by: self.vector("by")?.map_or(DVec3::ZERO, DVec3::from_array),
+            turn: self.radians("yaw")?.map(|angle| Turn { axis: upwards(scene, up), angle }),
         })
     }
 
@@ -73,19 +80,33 @@ impl Values<'_, '_> {
         }
     }
 
-    fn turn(&mut self, up: impl Fn() -> DVec3) -> PyResult<Turn> {
+    fn turn(&mut self, scene: &InstancedScene) -> PyResult<Turn> {
+        let up = self.direction("up")?;
         match (self.radians("yaw")?, self.vector("axis")?, self.radians("angle")?) {
-            (Some(angle), None, None) => Ok(Turn { axis: up(), angle }),
+            (Some(angle), None, None) => Ok(Turn { axis: upwards(scene, up), angle }),
             (None, Some(axis), Some(angle)) => Ok(Turn { axis: DVec3::from_array(axis), angle }),
             _ => Err(raised("want either yaw=degrees, or axis=(x, y, z) and angle=degrees")),
         }
     }
 
-    fn scatter(&mut self, up: impl Fn() -> DVec3) -> PyResult<Scatter> {
+    fn scatter(&mut self, scene: &InstancedScene) -> PyResult<Scatter> {
+        let up = self.direction("up")?;
+        let up = || upwards(scene, up);
         let (template, count) = (self.needed("template")?, self.needed("count")?);
-        let over = match self.points("path")? {
-            Some(points) => ScatterOver::Path { points, up: up(), yaw: self.radians("yaw")?.unwrap_or(0.0) },
-            None => ScatterOver::Plane {
+        if count > MOST_SCATTERED {
+            return Err(raised(format_args!("count={count} is too many: at most {MOST_SCATTERED}")));
+        }
+        let over = match (self.points("path")?, self.points("area")?) {
+            (Some(_), Some(_)) => return Err(raised("want either path=... or area=...")),
+            (Some(points), None) => ScatterOver::Path { points, up: up(), yaw: self.radians("yaw")?.unwrap_or(0.0) },
+            (None, Some(points)) => ScatterOver::Polygon {
+                points,
+                up: up(),
+                min_distance: self.taken("distance")?.unwrap_or(0.0),
+                turn: self.radians("turn")?.unwrap_or(std::f64::consts::TAU),
+                seed: self.taken("seed")?.unwrap_or(0),
+            },
+            (None, None) => ScatterOver::Plane {
                 point: DVec3::from_array(self.needed_vector("point")?),
                 normal: self.vector("normal")?.map_or_else(up, DVec3::from_array),
                 extent: self.needed_vector("extent")?,
@@ -114,4 +135,9 @@ impl Values<'_, '_> {
         };
         Ok(Edit::Crop { template: self.needed("template")?, corners, keep })
     }
+}
+
+/// The direction that was given, else the scene's own.
+fn upwards(scene: &InstancedScene, given: Option<DVec3>) -> DVec3 {
+    Orbit::around(scene, given).up
 }

@@ -7,7 +7,7 @@ use instgs_vk::scene::edit::Selector;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 
-use crate::arrays::{Numbers, matrix, vector};
+use crate::arrays::{Numbers, direction, matrix, vector};
 use crate::error::{OrRaise, raised};
 
 /// The values that have not been taken yet.
@@ -61,6 +61,11 @@ impl<'a, 'py> Values<'a, 'py> {
     /// Takes N numbers, if they were given.
     pub(crate) fn vector<const N: usize>(&mut self, name: &str) -> PyResult<Option<[f64; N]>> {
         self.any(name).map(|value| vector(&value, name)).transpose()
+    }
+
+    /// Takes a direction of any length but zero, if it was given.
+    pub(crate) fn direction(&mut self, name: &str) -> PyResult<Option<DVec3>> {
+        self.any(name).map(|value| direction(&value, name)).transpose()
     }
 
     /// Takes N numbers that must be there.

@@ -27,6 +27,8 @@ impl Look {
             near: self.near.unwrap_or(scene.near_plane.0),
             background: self.background.unwrap_or(default.background),
             lod_error_px: self.lod.unwrap_or(default.lod_error_px),
+            // The same picture, also of a scene that is large for the device.
+            divide_for_memory: true,
             ..default
         }
         .filtered(filter.over(scene.pixel_filter))

@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::arrays::Numbers;
+use crate::arrays::{self, Numbers};
 use crate::error::raised;
 use crate::json::to_python;
 
@@ -79,7 +79,7 @@ fn group_of(g: u32, group: &Bound<'_, PyDict>) -> PyResult<PosedGroup> {
     };
     let optional =
         |key: &str| -> PyResult<Option<Bound<'_, PyAny>>> { Ok(group.get_item(key)?.filter(|value| !value.is_none())) };
-    let ids = Numbers::<u32>::of(&needed("ids")?, &format!("ids of group {g}"), &[None])?.values;
+    let ids = arrays::ids(&needed("ids")?, &format!("ids of group {g}"), &[None])?;
     let name = format!("world_from_template of group {g}");
     let shape = [Some(ids.len()), Some(3), Some(4)];
     let rows = Numbers::<f32>::of(&needed("world_from_template")?, &name, &shape)?.rows::<4>();

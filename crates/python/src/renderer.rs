@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::{self, DeviceScene, RenderError, RenderOptions, Surfaces};
 use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::edit::Selector;
 use pyo3::prelude::*;
 
 use crate::camera::Camera;
@@ -105,7 +106,7 @@ impl Renderer {
     ///
     /// background: rgb behind everything; near: depth of the near plane, scene units; antialias, dilation (px^2): the pixel
     /// filter, by default the scene's; lod: merge far Gaussians with an error of at most that many pixels; hide: instances to
-    /// leave out, as edits select them; ids: whether instance_ids are made. Raises Error.
+    /// leave out, as edits select them, [] for none; ids: whether instance_ids are made. Raises Error.
     #[pyo3(signature = (
         scene, camera, *, background = None, near = None, antialias = None, dilation = None, lod = None, hide = None, ids = true
     ))]
@@ -123,12 +124,8 @@ impl Renderer {
         hide: Option<Bound<'_, PyAny>>,
         ids: bool,
     ) -> PyResult<Picture> {
-        let scene = scene.scene.clone();
-        let hidden = match hide {
-            Some(hide) => selector(&hide)?.resolve(&scene).map_err(|e| raised(format_args!("hide: {e}")))?,
-            None => Vec::new(),
-        };
-        let hidden = hidden.into_iter().collect();
+        let scene = scene.snapshot(py);
+        let hidden = hide.map_or_else(|| Ok(BTreeSet::new()), |hide| hidden_by(&hide, &scene))?;
         let options = Look { background, near, antialias, dilation, lod }.options(&scene);
         let drawn = py.detach(|| {
             // A panic in another thread leaves nothing half done that the next picture would use.
@@ -148,5 +145,16 @@ impl Renderer {
 
     fn __repr__(&self) -> String {
         format!("<instgs.Renderer on {}>", self.gpu.caps().name)
+    }
+}
+
+/// The instances to leave out, as edits select them; an empty list leaves out none.
+fn hidden_by(hide: &Bound<'_, PyAny>, scene: &InstancedScene) -> PyResult<BTreeSet<usize>> {
+    match selector(hide)? {
+        Selector::Indices(none) if none.is_empty() => Ok(BTreeSet::new()),
+        which => {
+            let found = which.resolve(scene).map_err(|e| raised(format_args!("hide: {e}")))?;
+            Ok(found.into_iter().collect())
+        }
     }
 }

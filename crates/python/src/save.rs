@@ -36,6 +36,14 @@ pub(crate) fn parse_pack(name: &str) -> PyResult<Pack> {
     }
 }
 
+/// Remarks on values that the format, or what else is given, has no use for.
+fn unused(how: &How, format: ExportFormat, device: bool) -> Vec<&'static str> {
+    let up = "up is for .glb, .usda, .usdc and .html: other formats keep the scene's axes";
+    let of_device = "device is for data: without it nothing is drawn";
+    let found = [(how.up.is_some() && !format.has_up(), up), (device && how.data.is_none(), of_device)];
+    found.into_iter().filter(|(is_unused, _)| *is_unused).map(|(_, text)| text).collect()
+}
+
 /// Writes the scene in the format of the path's ending.
 pub(crate) fn save(
     py: Python<'_>,
@@ -45,6 +53,7 @@ pub(crate) fn save(
     device: Option<DeviceName>,
 ) -> PyResult<()> {
     let format = ExportFormat::of(to, how.pack).or_raise()?;
+    unused(&how, format, device.is_some()).into_iter().try_for_each(|text| warn(py, text))?;
     if let Some(data) = &how.data {
         if !matches!(format, ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small)) {
             return Err(raised("data is for pack=\"small\": other formats keep one precision everywhere"));

@@ -1,9 +1,8 @@
 //! `instgs.Scene`.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use glam::DVec3;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene;
 use instgs_vk::scene::trajectory::Orbit;
@@ -11,7 +10,7 @@ use instgs_vk::scene::{InstancedScene, SourceRange};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arrays::{from_rows, matrix, vector};
+use crate::arrays::{direction, from_rows, matrix};
 use crate::camera::Camera;
 use crate::device::DeviceName;
 use crate::error::{OrRaise, raised, warn};
@@ -23,20 +22,36 @@ use crate::{edit, save};
 ///
 /// Scene(background=None, *, templates=(), instances=(), names=()): Gaussians in the world, Gaussians of each template in its
 /// frame, pairs (template, world_from_template) with a 3x4 similarity, and the name of each template's kind of object.
-#[pyclass(module = "instgs")]
+#[pyclass(module = "instgs", frozen)]
 pub(crate) struct Scene {
-    /// Shared with a renderer that draws it; an edit copies what is shared.
-    pub(crate) scene: Arc<InstancedScene>,
+    /// Shared with whoever draws or reads it; a change copies what is shared. The lock is never held while a thread waits for the
+    /// interpreter: one that has the interpreter may wait for the lock.
+    scene: Mutex<Arc<InstancedScene>>,
 }
 
 impl Scene {
     /// The Python object of a scene.
     pub(crate) fn of(scene: InstancedScene) -> Self {
-        Self { scene: Arc::new(scene) }
+        Self { scene: Mutex::new(Arc::new(scene)) }
     }
 
-    fn cloud(&self, of: impl FnOnce(&InstancedScene) -> scene::Gaussians) -> Gaussians {
-        Gaussians { cloud: of(&self.scene) }
+    /// The scene as it is now, whatever other threads make of it.
+    pub(crate) fn snapshot(&self, py: Python<'_>) -> Arc<InstancedScene> {
+        if let Ok(scene) = self.scene.try_lock() {
+            return scene.clone();
+        }
+        // Another thread's change may take long.
+        py.detach(|| self.lock().clone())
+    }
+
+    /// Changes the scene, detached from the interpreter. Other threads wait for it, or go on with what they have of the scene.
+    pub(crate) fn change<T: Send>(&self, py: Python<'_>, change: impl FnOnce(&mut InstancedScene) -> T + Send) -> T {
+        py.detach(|| change(Arc::make_mut(&mut self.lock())))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Arc<InstancedScene>> {
+        // Edits are done as a whole or not at all.
+        self.scene.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -84,8 +99,9 @@ impl Scene {
     /// Writes the scene: .instgs, .glb, .usda, .usdc and .html (a page that draws it) keep instances; .ply, .spz and .sog have
     /// them expanded.
     ///
-    /// pack, for .instgs and .html: "f32", "f16", "q8" or "small"; with data, a data set's folder, "small" is only as precise as its views
-    /// need for pictures of picture_psnr dB. up: the direction that becomes +y of .glb, .usda and .usdc. device: for data.
+    /// pack, for .instgs and .html: "f32", "f16", "q8" or "small"; with data, a data set's folder, "small" is only as precise as its
+    /// views need for pictures of picture_psnr dB. up: the direction that becomes +y of .glb, .usda and .usdc, and points up in
+    /// .html. device: for data. up and device are warned of where they are not used.
     #[pyo3(signature = (path, pack = None, *, data = None, picture_psnr = None, up = None, device = None))]
     #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
     fn save(
@@ -98,91 +114,102 @@ impl Scene {
         up: Option<Bound<'_, PyAny>>,
         device: Option<DeviceName>,
     ) -> PyResult<()> {
-        let up = up.map(|up| vector(&up, "up")).transpose()?.map(DVec3::from_array);
+        let up = up.map(|up| direction(&up, "up")).transpose()?;
         let how = save::How { pack: pack.map(save::parse_pack).transpose()?, data, picture_psnr, up };
-        save::save(py, &self.scene, &path, how, device)
+        save::save(py, &self.snapshot(py), &path, how, device)
     }
 
     /// An independent copy.
-    fn copy(&self) -> Self {
-        Self { scene: self.scene.clone() }
+    fn copy(&self, py: Python<'_>) -> Self {
+        Self { scene: Mutex::new(self.snapshot(py)) }
     }
 
     /// Changes instances; see the package's documentation for operations and their values.
     ///
     /// scene.edit("move", "group:car", by=(1, 0, 0)) ... which: an index, a list of them, or "id:7", "group:car", "template:0".
     /// Returns {"changed", "added", "removed", "warnings"}: indices of instances, and remarks. Raises Error if it is not
-    /// possible; the scene is then unchanged.
+    /// possible; the scene is then unchanged. Remarks are warnings too, after the change: a filter that makes errors of them
+    /// raises although the scene has changed.
     #[pyo3(signature = (operation, which = None, **values))]
     fn edit<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         operation: &str,
         which: Option<Bound<'py, PyAny>>,
         values: Option<Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        edit::edit(py, &mut self.scene, operation, which.as_ref(), values.as_ref())
+        edit::edit(py, self, operation, which.as_ref(), values.as_ref())
     }
 
     /// Every instance's Gaussians in the world, in flat order, then the background: a plain cloud that looks the same.
     fn flatten(&self, py: Python<'_>) -> Gaussians {
-        let scene = self.scene.clone();
+        let scene = self.snapshot(py);
         Gaussians { cloud: py.detach(move || scene.flatten()) }
     }
 
     /// count cameras on a circle around the scene, as render's --orbit. size: (width, height), pixels; up: a direction,
     /// by default that of a flat scene's normal, else -y.
     #[pyo3(signature = (count, size = (1280, 720), up = None))]
-    fn orbit(&self, count: u32, size: (u32, u32), up: Option<Bound<'_, PyAny>>) -> PyResult<Vec<Camera>> {
-        let up = up.map(|up| vector(&up, "up")).transpose()?.map(DVec3::from_array);
-        let cameras = Orbit::around(&self.scene, up).cameras(count, size);
+    fn orbit(
+        &self,
+        py: Python<'_>,
+        count: u32,
+        size: (u32, u32),
+        up: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<Vec<Camera>> {
+        let up = up.map(|up| direction(&up, "up")).transpose()?;
+        let cameras = Orbit::around(&self.snapshot(py), up).cameras(count, size);
         let checked = |camera: scene::Camera| camera.validate().map(|()| Camera { camera }).or_raise();
         cameras.into_iter().map(checked).collect()
     }
 
     /// The instances, in their order.
     #[getter]
-    fn instances(&self) -> Vec<Instance> {
-        instances_of(&self.scene)
+    fn instances(&self, py: Python<'_>) -> Vec<Instance> {
+        instances_of(&self.snapshot(py))
     }
 
     /// The groups of instances with their names and mask ids.
     #[getter]
-    fn groups(&self) -> Vec<Group> {
-        groups_of(&self.scene)
+    fn groups(&self, py: Python<'_>) -> Vec<Group> {
+        groups_of(&self.snapshot(py))
     }
 
     /// The Gaussians of each template, in its frame.
     #[getter]
-    fn templates(&self) -> Vec<Gaussians> {
-        let ranges = self.scene.template_ranges.iter();
-        ranges.map(|&range| self.cloud(|scene| scene.templates.range(range))).collect()
+    fn templates(&self, py: Python<'_>) -> Vec<Gaussians> {
+        let scene = self.snapshot(py);
+        let template = |&range: &SourceRange| Gaussians { cloud: scene.templates.range(range) };
+        scene.template_ranges.iter().map(template).collect()
     }
 
     /// The Gaussians in the world that belong to no instance; may be set.
     #[getter]
-    fn background(&self) -> Gaussians {
-        self.cloud(|scene| scene.background.clone())
+    fn background(&self, py: Python<'_>) -> Gaussians {
+        Gaussians { cloud: self.snapshot(py).background.clone() }
     }
 
     #[setter]
-    fn set_background(&mut self, background: PyRef<'_, Gaussians>) {
-        Arc::make_mut(&mut self.scene).background = background.cloud.clone();
+    fn set_background(&self, py: Python<'_>, background: PyRef<'_, Gaussians>) {
+        let background = background.cloud.clone();
+        self.change(py, |scene| scene.background = background);
     }
 
     /// The Gaussians that instance k has beside its template's, in the template's frame.
-    fn own(&self, k: usize) -> PyResult<Gaussians> {
-        if k >= self.scene.instances.len() {
-            return Err(raised(format_args!("there is no instance {k}: there are {}", self.scene.instances.len())));
+    fn own(&self, py: Python<'_>, k: usize) -> PyResult<Gaussians> {
+        let scene = self.snapshot(py);
+        if k >= scene.instances.len() {
+            return Err(raised(format_args!("there is no instance {k}: there are {}", scene.instances.len())));
         }
-        Ok(self.cloud(|scene| scene.own.range(scene.own_range(k))))
+        Ok(Gaussians { cloud: scene.own.range(scene.own_range(k)) })
     }
 
     /// The offset records: {"means": [M, 3], "sh_dc": [M, 3], "opacity_logits": [M]}. Instance.first_offset says where an
     /// instance's begin: one record for each Gaussian of its template.
     #[getter]
     fn offsets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (out, offsets) = (PyDict::new(py), &self.scene.offsets);
+        let (out, scene) = (PyDict::new(py), self.snapshot(py));
+        let offsets = &scene.offsets;
         out.set_item("means", from_rows(py, &offsets.means)?)?;
         out.set_item("sh_dc", from_rows(py, &offsets.sh_dc)?)?;
         out.set_item("opacity_logits", numpy::PyArray1::from_slice(py, &offsets.opacity_logits))?;
@@ -192,22 +219,22 @@ impl Scene {
     /// The number of Gaussians of each part: "template", "offsets" (records), "own", "background" and "expanded".
     #[getter]
     fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        crate::json::to_python(py, &instgs_eval::Counts::of(&self.scene))
+        crate::json::to_python(py, &instgs_eval::Counts::of(&self.snapshot(py)))
     }
 
     /// Where the scene came from, free text.
     #[getter]
-    fn source(&self) -> &str {
-        &self.scene.source
+    fn source(&self, py: Python<'_>) -> String {
+        self.snapshot(py).source.clone()
     }
 
     /// Number of Gaussians after expanding all instances.
-    fn __len__(&self) -> usize {
-        usize::try_from(self.scene.expanded_len()).unwrap_or(usize::MAX)
+    fn __len__(&self, py: Python<'_>) -> usize {
+        usize::try_from(self.snapshot(py).expanded_len()).unwrap_or(usize::MAX)
     }
 
-    fn __repr__(&self) -> String {
-        let scene = &self.scene;
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let scene = self.snapshot(py);
         format!(
             "<instgs.Scene: {} Gaussians stored, {} expanded, {} templates, {} instances>",
             scene.source_len(),

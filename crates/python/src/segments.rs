@@ -7,7 +7,7 @@ use instgs_vk::scene::InstancedScene;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-use crate::arrays::Numbers;
+use crate::arrays::ids;
 use crate::camera::Camera;
 use crate::json::to_python;
 use crate::scene::Scene;
@@ -25,7 +25,7 @@ pub(crate) struct Segments {
 impl Segments {
     /// Cloud and labels, for a thread of its own.
     pub(crate) fn parts(&self, py: Python<'_>) -> (Arc<InstancedScene>, Arc<CloudLabels>) {
-        (self.cloud.borrow(py).scene.clone(), self.labels.clone())
+        (self.cloud.get().snapshot(py), self.labels.clone())
     }
 }
 
@@ -61,14 +61,12 @@ impl Segments {
         self.labels.cameras.iter().map(|camera| Camera { camera: camera.clone() }).collect()
     }
 
-    /// The same with other labels, [N]: what you know better than the masks. The files of the folder keep those found. Raises
-    /// Error.
+    /// The same with other labels, [N], whole numbers from 0 to 65535: what you know better than the masks. The files of the
+    /// folder keep those found. Raises Error.
     fn relabelled(&self, py: Python<'_>, labels: &Bound<'_, PyAny>) -> PyResult<Self> {
         let count = self.labels.labels.len();
-        let mut changed = CloudLabels {
-            labels: Numbers::<u32>::of(labels, "labels", &[Some(count)])?.values,
-            ..CloudLabels::clone(&self.labels)
-        };
+        let mut changed =
+            CloudLabels { labels: ids(labels, "labels", &[Some(count)])?, ..CloudLabels::clone(&self.labels) };
         changed.consensus.count_gaussians(&changed.labels);
         Ok(Self { cloud: self.cloud.clone_ref(py), labels: Arc::new(changed) })
     }

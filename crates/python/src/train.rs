@@ -49,12 +49,13 @@ impl Trained {
 ///
 /// method: "3dgs", a plain cloud, or "instgs", templates with instances; by default the configuration's. config: a preset
 /// ("quick", "instgs_quick", ...) or a TOML file. set: {"steps": 500, "joint.steps": 300, ...}, values above the configuration's;
-/// a path object becomes absolute. resume: continue the run in out with its configuration; accept_changed_data: although the data
-/// set has changed since. on_event: called with a dict for every event, {"event": "step", "step": 100, "loss": ...} as in
-/// events.jsonl, with the "phase".
+/// a path object becomes absolute; numpy's numbers are taken too. resume: continue the run of train in out with its configuration
+/// (one of a Pipeline goes on with Pipeline(..., resume=True).joint); where there is none, a new one begins with a warning.
+/// accept_changed_data: continue although the data set has changed since. on_event: called with a dict for every event,
+/// {"event": "step", "step": 100, "loss": ...} as in events.jsonl, with the "phase".
 ///
-/// Ctrl-C, and an exception of on_event, stop the run after the step, with a checkpoint; then that exception is raised. Raises
-/// Error. The interpreter is free meanwhile.
+/// Ctrl-C, and an exception of on_event, stop the run after the step, with a checkpoint, or after the photo that is being read;
+/// then that exception is raised. Raises Error. The interpreter is free meanwhile.
 #[pyfunction]
 #[pyo3(signature = (
     data, out, method = None, *,
@@ -74,6 +75,7 @@ pub(crate) fn train(
     on_event: Option<Py<PyAny>>,
 ) -> PyResult<Trained> {
     let config = resolved(&out, method, config, set.as_ref(), resume)?;
+    check_resume(py, &out, resume, accept_changed_data)?;
     if !resume {
         RunFolder::new(&out).expect_no_run().or_raise()?;
     }
@@ -86,6 +88,17 @@ pub(crate) fn train(
     let report = beside(py, job.out.clone(), on_event.as_ref(), |teller| run(&gpu, &job, teller))?;
     check_validation(&gpu)?;
     Trained::of_run(py, job.out, &report)
+}
+
+/// Refuses `accept_changed_data` without `resume`, and warns of `resume` where nothing is.
+pub(crate) fn check_resume(py: Python<'_>, out: &Path, resume: bool, accept_changed_data: bool) -> PyResult<()> {
+    if accept_changed_data && !resume {
+        return Err(raised("accept_changed_data is for a run that goes on: give resume=True, or leave it out"));
+    }
+    if resume && RunFolder::new(out).trace_of_run().is_none() {
+        warn(py, format_args!("{} holds no run to resume: a new one begins", out.display()))?;
+    }
+    Ok(())
 }
 
 /// The configuration: the run's own when it goes on, the preset or file, then the values set.
@@ -116,6 +129,7 @@ pub(crate) fn resolved(
 
 /// A value of `set` as the configuration takes it.
 fn toml_value(key: &str, value: &Bound<'_, PyAny>) -> PyResult<Value> {
+    let value = &of_python(value)?;
     if value.is_instance_of::<PyBool>() {
         return Ok(Value::Boolean(value.extract()?));
     }
@@ -136,6 +150,12 @@ fn toml_value(key: &str, value: &Bound<'_, PyAny>) -> PyResult<Value> {
         Ok(path) => Ok(Value::String(std::path::absolute(path).or_raise()?.display().to_string())),
         Err(_) => Err(raised(format_args!("set: {key} = {value} is no number, text or path"))),
     }
+}
+
+/// A scalar of numpy's as Python's own; other values as they are.
+fn of_python<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let scalar = value.py().import("numpy")?.getattr("generic")?;
+    if value.is_instance(&scalar)? { value.call_method0("item") } else { Ok(value.clone()) }
 }
 
 /// Runs the job and writes its reports.

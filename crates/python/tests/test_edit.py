@@ -49,6 +49,10 @@ def test_scattering_cropping_erasing(scene):
     assert done["added"] == [4, 5, 6, 7, 8]
     path = scene.edit("scatter", template=0, count=3, path=[(0, 0, 9), (4, 0, 9)], up=(0, -1, 0))
     assert [xs(scene)[k] for k in path["added"]] == pytest.approx([0, 2, 4], abs=0.2)
+    corners = [(10, 0, 8), (14, 0, 8), (14, 0, 12), (10, 0, 12)]
+    area = scene.edit("scatter", template=1, count=4, area=corners, up=(0, -1, 0), seed=2)
+    places = [scene.instances[k].centre for k in area["added"]]
+    assert len(places) == 4 and all(9.99 < x < 14.01 and 7.99 < z < 12.01 for x, _, z in places)
     inside = int((scene.templates[0].means[:, 0] <= 0).sum())
     scene.edit("crop", template=0, box=[(-np.inf,) * 3, (0, np.inf, np.inf)])
     assert len(scene.templates[0]) == inside < 40
@@ -69,6 +73,17 @@ def test_scattering_cropping_erasing(scene):
         (("scale", 0, {}), "scale: by=... is missing"),
         (("scale", 0, {"by": "large"}), "scale: by=large is not of the right kind"),
         (("erase", 0, {"template": 0, "at": [(0, 0, 0)], "radius": 1}), "erase: is for a template or the scene"),
+        (("rotate", 0, {"yaw": 9, "up": (0, 0, 0)}), "rotate: up has no direction"),
+        (("duplicate", 0, {"yaw": 9, "up": (0, np.nan, 0)}), "duplicate: up has no direction"),
+        (("move", 0, {"by": (0, 0, 1), "up": (0, 1, 0)}), "move: has no up"),
+        (
+            ("scatter", None, {"template": 0, "count": 9_999_999, "point": (0, 0, 0), "extent": (1, 1)}),
+            "scatter: count=9999999 is too many: at most 1000000",
+        ),
+        (
+            ("scatter", None, {"template": 0, "count": 2, "path": np.eye(3), "area": np.eye(3)}),
+            "scatter: want either path=... or area=...",
+        ),
         (("fly", 0, {}), "fly: is no operation: there are duplicate, move"),
     ],
 )

@@ -1,7 +1,10 @@
 """The stages one by one: the same results as a whole run, arrays between them, and what a user may change in them."""
 
+import gc
 import json
+import shutil
 import warnings
+import weakref
 
 import numpy as np
 import pytest
@@ -143,6 +146,9 @@ def test_groups_and_labels_of_ones_own(data, segmented, tmp_path):
     "change, words",
     [
         ({"ids": None}, 'group 0 has no "ids"'),
+        ({"ids": [1, 2, 70_000]}, "ids of group 0: 70000 is no id of an object: want whole numbers from 0 to 65535"),
+        ({"ids": [1, 2, -1]}, "ids of group 0: -1 is no id"),
+        ({"ids": [1, 2, 2.5]}, "ids of group 0: 2.5 is no id"),
         ({"ids": [1, 2]}, "world_from_template of group 0 has shape [3, 3, 4], want [2, 3, 4]"),
         ({"world_from_template": np.zeros((3, 3, 4))}, "world_from_template of group 0, object 0"),
     ],
@@ -161,6 +167,9 @@ def test_faulty_input_is_refused(data, scene, segmented, tmp_path):
         pipeline.segment(scene)
     with pytest.raises(instgs.Error, match="labels has shape"):
         segments.relabelled([1, 2, 3])
+    for wrong in (70_000, -1, 1.5):
+        with pytest.raises(instgs.Error, match=f"labels: {wrong} is no id"):
+            segments.relabelled(np.full(len(segments), wrong))
     [group] = true_groups(data)
     other = instgs.Pipeline(data, tmp_path / "out", config="instgs_quick")
     with pytest.raises(instgs.Error, match="of an earlier instance"):
@@ -182,3 +191,90 @@ def test_an_exception_of_the_callback_stops_a_stage(data, cloud, tmp_path):
     with pytest.raises(Enough, match="stage_started"):
         pipeline.segment(instgs.Scene.load(cloud))
     assert not (tmp_path / "out" / "labels.safetensors").exists()
+
+
+def test_a_stopped_joint_phase_goes_on_with_an_edited_scene(data, cloud, tmp_path):
+    class Enough(Exception):
+        pass
+
+    def on_event(event):
+        if event["event"] == "step":
+            raise Enough
+
+    def edited(pipeline):
+        segments = pipeline.segment(instgs.Scene.load(cloud))
+        scene = pipeline.template(segments, pipeline.register(segments)).scene
+        scene.edit("move", 0, by=(0.01, 0, 0))
+        return scene
+
+    out = tmp_path / "out"
+    settings = {**SMALL, "joint.steps": 1_000_000, "groups": data / "groups.json"}
+    first = instgs.Pipeline(data, out, config="instgs_quick", set=settings, on_event=on_event)
+    with pytest.raises(Enough):
+        first.joint(edited(first))
+    before = {name: (out / name).read_bytes() for name in ("groups.json", "initial.instgs", "point_cloud.ply")}
+
+    started = []
+    again = instgs.Pipeline(
+        data,
+        out,
+        resume=True,
+        set={"joint.steps": 60},
+        on_event=lambda event: event["event"] == "started" and started.append(event),
+    )
+    trained = again.joint(edited(again))
+    assert started[0]["resumed"] and started[0]["step"] > 0 and trained.report["steps"] == 60
+    other = instgs.Scene.load(cloud)
+    c = other.background
+    other.background = instgs.Gaussians(c.means + 0.1, c.quats, c.log_scales, c.opacity_logits, c.sh)
+    with pytest.raises(instgs.Error, match="its joint phase began with another cloud"):
+        again.segment(other)
+    assert {name: (out / name).read_bytes() for name in before} == before
+
+
+def test_a_resumed_segmentation_refuses_other_settings(data, segmented, tmp_path):
+    pipeline, segments, _ = segmented
+    out = tmp_path / "out"
+    shutil.copytree(pipeline.folder, out)
+    before = (out / "config.toml").read_bytes()
+    again = instgs.Pipeline(data, out, resume=True, set={"segment.alpha": 3.5})
+    with pytest.raises(instgs.Error, match="its objects were found with segment.alpha"):
+        again.segment(segments.cloud)
+    assert (out / "config.toml").read_bytes() == before
+
+
+def test_labels_that_are_there_need_no_masks(data, segmented, tmp_path):
+    pipeline, segments, _ = segmented
+    shutil.copytree(data, tmp_path / "cars")
+    shutil.rmtree(tmp_path / "cars" / "masks")
+    shutil.copytree(pipeline.folder, tmp_path / "out")
+    again = instgs.Pipeline(tmp_path / "cars", tmp_path / "out", resume=True)
+    with pytest.warns(UserWarning, match="the contact sheet of masks is missing: "):
+        assert np.array_equal(again.segment(segments.cloud).labels, segments.labels)
+
+
+def test_there_must_be_something_to_resume(data, tmp_path):
+    with pytest.warns(UserWarning, match="out holds no run to resume: a new one begins"):
+        instgs.Pipeline(data, tmp_path / "out", resume=True)
+    with pytest.raises(instgs.Error, match="accept_changed_data is for a run that goes on"):
+        instgs.Pipeline(data, tmp_path / "out", accept_changed_data=True)
+
+
+def test_numbers_of_numpy_are_settings(data, tmp_path):
+    values = {"joint.steps": np.int32(7), "segment.alpha": np.float32(0.5), "antialias": np.bool_(True)}
+    instgs.Pipeline(data, tmp_path / "out", config="instgs_quick", set=values)
+    with pytest.raises(instgs.Error, match="segment.alpha"):
+        instgs.Pipeline(data, tmp_path / "out", config="instgs_quick", set={"segment.alpha": np.float32(-1)})
+
+
+def test_a_pipeline_that_its_callback_holds_is_collected(data, tmp_path):
+    class Watcher:
+        def __init__(self):
+            self.pipeline = instgs.Pipeline(data, tmp_path / "out", config="instgs_quick", on_event=self.see)
+
+        def see(self, event):
+            pass
+
+    watcher = weakref.ref(Watcher())
+    gc.collect()
+    assert watcher() is None

@@ -1,6 +1,7 @@
 import gc
 import json
 import os
+import threading
 
 import numpy as np
 import pytest
@@ -73,6 +74,29 @@ def test_an_edited_scene_is_drawn_anew(scene, camera, renderer):
     assert np.abs(after.colour - before.colour)[sure].mean() < 0.05
 
 
+def test_a_scene_may_be_edited_while_it_is_drawn(scene, camera, renderer):
+    failed = []
+
+    def draw():
+        try:
+            for _ in range(20):
+                renderer.render(scene, camera)
+        except BaseException as error:
+            failed.append(error)
+
+    before = scene.instances[0].centre
+    thread = threading.Thread(target=draw)
+    thread.start()
+    edits = 0
+    while thread.is_alive() or edits == 0:
+        scene.edit("move", 0, by=(0, 0, 0.25))
+        scene.background = scene.background
+        edits += 1
+    thread.join()
+    assert not failed
+    assert scene.instances[0].centre[2] - before[2] == pytest.approx(0.25 * edits, rel=1e-3)
+
+
 def test_hidden_instances_come_back(scene, camera, renderer):
     whole = renderer.render(scene, camera)
     part = renderer.render(scene, camera, hide="group:red")
@@ -81,6 +105,7 @@ def test_hidden_instances_come_back(scene, camera, renderer):
     alone.edit("delete", "group:red")
     assert np.array_equal(part.colour, renderer.render(alone, camera).colour)
     assert np.array_equal(whole.colour, renderer.render(scene, camera, hide=None).colour)
+    assert np.array_equal(whole.colour, renderer.render(scene, camera, hide=[]).colour)
     with pytest.raises(instgs.Error, match="hide: there is no instance 7"):
         renderer.render(scene, camera, hide=7)
 

@@ -1,3 +1,5 @@
+import warnings
+
 import numpy as np
 import pytest
 
@@ -109,6 +111,8 @@ def test_errors_are_one_line_of_one_class(scene, tmp_path):
         (lambda: instgs.Scene.load(tmp_path / "x.obj"), "scenes are .instgs, .ply"),
         (lambda: scene.save(tmp_path / "x.xyz"), "export to .ply"),
         (lambda: scene.save(tmp_path / "x.ply", pack="f16"), "is for .instgs and .html files"),
+        (lambda: scene.save(tmp_path / "x.glb", up=(0, 0, 0)), "up has no direction"),
+        (lambda: scene.orbit(3, up=(0, float("nan"), 0)), "up has no direction"),
         (lambda: scene.save(tmp_path / "x.instgs", pack="f8"), "none of f32, f16, q8 and small"),
         (lambda: instgs.Scene(instances=[(0, placed(0, 0, 0))]), "instance 0 uses template 0, but there are 0"),
         (lambda: instgs.Scene(templates=[], instances=[(0, np.zeros((3, 4)))]), "the matrix of instance 0 has determinant"),
@@ -132,6 +136,17 @@ def test_remarks_on_files_are_warnings(tmp_path):
     broken.save(tmp_path / "a.instgs")
     with pytest.warns(UserWarning, match="dropped 1 Gaussians"):
         assert len(instgs.Scene.load(tmp_path / "a.instgs")) == 4
+
+
+def test_values_without_a_use_are_warned_of(scene, tmp_path):
+    with pytest.warns(UserWarning, match="up is for .glb, .usda, .usdc and .html"):
+        scene.save(tmp_path / "a.ply", up=(0, 0, 1))
+    with pytest.warns(UserWarning, match="device is for data"):
+        scene.save(tmp_path / "a.instgs", pack="small", device=0)
+    assert (tmp_path / "a.ply").is_file() and (tmp_path / "a.instgs").is_file()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        scene.save(tmp_path / "a.html", up=(0, 0, 1))
 
 
 def test_a_background_can_be_replaced(scene):

@@ -36,8 +36,11 @@ def test_a_plain_cloud_is_trained_and_its_events_are_those_of_the_log(data, tmp_
     assert max(np.diff(ticks)) < 1
     assert threads == {threading.get_ident()}
     log = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
-    ours = [{k: v for k, v in e.items() if k != "phase"} for e in events if "phase" in e and e["event"] != "test_view"]
+    told_alone = ("photo_read", "test_view")
+    ours = [{k: v for k, v in e.items() if k != "phase"} for e in events if "phase" in e and e["event"] not in told_alone]
     assert ours == log and [e["event"] for e in log][::len(log) - 1] == ["started", "finished"]
+    photos = [(e["done"], e["total"]) for e in events if e["event"] == "photo_read"]
+    assert photos == [(k, 10) for k in range(1, 11)]
     assert trained.report["steps"] == 30 and trained.report["eval"]["psnr"] > 5
     assert trained.report == json.loads((tmp_path / "run" / "report.json").read_text())
     assert (tmp_path / "run" / "report.html").is_file() and trained.folder == tmp_path / "run"
@@ -91,10 +94,22 @@ def test_an_exception_of_the_callback_stops_the_run(data, tmp_path):
         data,
         tmp_path / "run",
         resume=True,
-        set={"steps": 40},
+        set={"steps": np.int64(40)},
         on_event=lambda event: event["event"] == "started" and started.append(event),
     )
     assert started[0]["resumed"] and started[0]["step"] > 0 and go_on.report["steps"] == 40
+
+
+def test_an_exception_while_photos_are_read_stops_the_run(data, tmp_path):
+    class Enough(Exception):
+        pass
+
+    def on_event(event):
+        if event["event"] == "photo_read":
+            raise Enough
+
+    with pytest.raises(Enough):
+        instgs.train(data, tmp_path / "run", "3dgs", config="quick", set={**FEW, "steps": 1_000_000}, on_event=on_event)
 
 
 def test_ctrl_c_stops_the_run(data, tmp_path):
@@ -133,6 +148,16 @@ def test_a_faulty_configuration_writes_nothing(data, tmp_path, values, words):
     with pytest.raises(instgs.Error) as error:
         instgs.train(data, tmp_path / "run", **values)
     assert words in str(error.value) and not (tmp_path / "run").exists()
+
+
+def test_there_must_be_a_run_to_resume(data, tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.warns(UserWarning, match="run holds no run to resume: a new one begins"):
+        with pytest.raises(instgs.Error, match="has no cameras"):
+            instgs.train(tmp_path / "empty", tmp_path / "run", resume=True)
+    with pytest.raises(instgs.Error, match="accept_changed_data is for a run that goes on"):
+        instgs.train(data, tmp_path / "run", accept_changed_data=True)
+    assert not (tmp_path / "run").exists()
 
 
 def test_data_without_cameras_writes_nothing(tmp_path):
