@@ -52,6 +52,28 @@ impl Dataset {
     }
 }
 
+/// The files that the cameras of a dataset are read from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum CameraFiles {
+    /// Transforms files: of all views; or of the views to train on, and of those that are held out.
+    Transforms { train: PathBuf, held_out: Option<PathBuf> },
+    /// The folder of a COLMAP model.
+    Colmap(PathBuf),
+}
+
+impl CameraFiles {
+    /// The first of these that a dataset has: `transforms_train.json` with `transforms_test.json` (or
+    /// `transforms_val.json`), `transforms.json`, `transforms_train.json` alone, `sparse/0` (or `sparse`).
+    pub(crate) fn of(dataset: &Path) -> Option<Self> {
+        let single = Some(dataset.join("transforms.json")).filter(|path| path.is_file());
+        match (nerf::blender_files(dataset), single) {
+            (Some((train, held_out @ Some(_))), _) => Some(Self::Transforms { train, held_out }),
+            (_, Some(train)) | (Some((train, None)), None) => Some(Self::Transforms { train, held_out: None }),
+            (None, None) => colmap::colmap_folder(dataset).map(Self::Colmap),
+        }
+    }
+}
+
 /// Reads the views of a dataset folder from the first of these that exists: `transforms_train.json` with
 /// `transforms_test.json` (or `transforms_val.json`), `transforms.json`, `transforms_train.json` alone, `sparse/0` (or
 /// `sparse`). The split is the pair's, or that of `transforms.json` ([`nerf`]), otherwise the test split is every eighth view
@@ -85,26 +107,23 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
             views.push((view, relative));
         }
     };
-    let single = folder.join("transforms.json");
-    match nerf::blender_files(folder) {
-        Some((train, Some(held_out))) => {
+    match CameraFiles::of(folder) {
+        Some(CameraFiles::Transforms { train, held_out: Some(held_out) }) => {
             add(nerf::read_transforms(&train)?, folder, Some(Split::Train));
             add(nerf::read_transforms(&held_out)?, folder, Some(Split::Test));
         }
-        _ if single.is_file() => add(nerf::read_transforms(&single)?, folder, None),
-        Some((train, None)) => add(nerf::read_transforms(&train)?, folder, None),
-        None => {
-            let Some(model) = colmap::colmap_folder(folder) else {
-                let error = IoError::new(folder, "has no cameras");
-                return Err(error.advise(
-                    "a dataset has transforms_train.json and transforms_test.json, transforms.json, or sparse/0",
-                ));
-            };
+        Some(CameraFiles::Transforms { train, held_out: None }) => add(nerf::read_transforms(&train)?, folder, None),
+        Some(CameraFiles::Colmap(model)) => {
             let images = colmap::read_colmap(&model)?;
             let count = images.len();
             add(images, &folder.join("images"), None);
             let unused = photos_without_camera(&folder.join("images"), count);
             notes.extend(colmap::larger_model(folder, &model, count).or(unused));
+        }
+        None => {
+            let error = IoError::new(folder, "has no cameras");
+            return Err(error
+                .advise("a dataset has transforms_train.json and transforms_test.json, transforms.json, or sparse/0"));
         }
     }
     if views.is_empty() {

@@ -3,6 +3,9 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+/// What to do about a file that is not of the format of its ending.
+pub(crate) const BY_ENDING: &str = "a file's ending says what it is: .ply, .spz, .sog, .splat, .glb or .instgs";
+
 /// Where in a file something is wrong.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Place {

@@ -8,11 +8,13 @@ use png::{BitDepth, ColorType, Transformations};
 
 use crate::bytes::MAX_INFLATION;
 use crate::error::IoError;
+use crate::host_memory::{available_bytes, check_reading};
 use crate::masks::Mask;
+use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 
 /// Parses the bytes of a PNG mask; `path` is only used in messages.
 pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
-    parse(bytes, path).map(|(mask, _)| mask)
+    parse(bytes, available_bytes(), path).map(|(mask, _)| mask)
 }
 
 /// As [`parse_mask`], for a folder whose file of categories gives names to ids: colours have none.
@@ -20,15 +22,15 @@ pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
 /// # Errors
 /// Also a picture in colours, whose objects are numbered anew in each.
 pub(crate) fn parse_named_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
-    match parse(bytes, path)? {
+    match parse(bytes, available_bytes(), path)? {
         (mask, false) => Ok(mask),
         (_, true) => Err(IoError::new(path, "is a mask in colours, beside a categories.json that names ids")
             .advise("save masks with ids as grey levels, or take the file away")),
     }
 }
 
-/// The mask, and whether its ids number colours.
-fn parse(bytes: &[u8], path: &Path) -> Result<(Mask, bool), IoError> {
+/// The mask, and whether its ids number colours; with so many bytes of memory, `None` if it is unknown how many there are.
+fn parse(bytes: &[u8], memory: Option<u64>, path: &Path) -> Result<(Mask, bool), IoError> {
     let fail = |e: png::DecodingError| IoError::damaged(path, format!("cannot decode the mask: {e}"));
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::IDENTITY);
@@ -49,6 +51,13 @@ fn parse(bytes: &[u8], path: &Path) -> Result<(Mask, bool), IoError> {
     let Some(data_bytes) = whole.and_then(|total| usize::try_from(total).ok()) else {
         return Err(IoError::damaged(path, format!("the mask is too short for its {width}x{height} pixels")));
     };
+    if width.max(height) > MAX_IMAGE_SIDE {
+        let what = format!("the mask has {width}x{height} pixels, and no photo has a side above {MAX_IMAGE_SIDE}");
+        return Err(IoError::new(path, what).advise("save the mask at the size of its photo"));
+    }
+    // The rows, and the ids: of one bit a pixel these take sixteen times as much.
+    let id_bytes = 2 * u64::from(width) * u64::from(height);
+    check_reading(path, "takes", data_bytes as u64 + id_bytes, memory)?;
     let mut data = vec![0; data_bytes];
     reader.next_frame(&mut data).map_err(fail)?;
     // The image may be complete and the file truncated: the end marker is required too.
@@ -68,7 +77,7 @@ fn parse(bytes: &[u8], path: &Path) -> Result<(Mask, bool), IoError> {
             data.as_chunks::<2>().0.iter().map(|&[grey, a]| if a == 0 { 0 } else { u16::from(grey) }).collect()
         }
         ColorType::Grayscale if bits == 16 => data.as_chunks::<2>().0.iter().map(|&b| u16::from_be_bytes(b)).collect(),
-        ColorType::Grayscale => packed(&data, width as usize, usize::from(bits)).map(u16::from).collect(),
+        ColorType::Grayscale => packed(&data, width as usize, usize::from(bits), u16::from),
     };
     Ok((Mask { width, height, ids }, has_colors))
 }
@@ -113,16 +122,19 @@ fn palette_ids(data: &[u8], width: usize, bits: usize, palette: &[u8]) -> Vec<u1
         Some(colour) if greys => u16::from(colour[0]),
         _ => u16::from(index),
     };
-    packed(data, width, bits).map(id).collect()
+    packed(data, width, bits, id)
 }
 
-/// The values of pixels of at most 8 bits, rows padded to bytes.
-fn packed(data: &[u8], width: usize, bits: usize) -> impl Iterator<Item = u8> {
+/// The ids of pixels of at most 8 bits, by their values; rows are padded to bytes.
+fn packed(data: &[u8], width: usize, bits: usize, id: impl Fn(u8) -> u16) -> Vec<u16> {
     let mask = ((1u16 << bits) - 1) as u8;
     // The first pixel of a byte is in its highest bits.
-    let pixel = move |row: &[u8], i: usize| (row[i * bits / 8] >> (8 - bits - i * bits % 8)) & mask;
-    let row_bytes = (width * bits).div_ceil(8).max(1);
-    data.chunks_exact(row_bytes).flat_map(move |row| (0..width).map(move |i| pixel(row, i)))
+    let pixel = |row: &[u8], i: usize| (row[i * bits / 8] >> (8 - bits - i * bits % 8)) & mask;
+    let rows = data.chunks_exact((width * bits).div_ceil(8).max(1));
+    // Collected, the ids would take up to twice their room while they grow.
+    let mut out = Vec::with_capacity(width * rows.len());
+    rows.for_each(|row| out.extend((0..width).map(|i| id(pixel(row, i)))));
+    out
 }
 
 /// The PNG of a mask, 16-bit grey; `path` is only used in messages.
@@ -223,6 +235,17 @@ mod tests {
         Ok(())
     }
 
+    /// 10 bytes of rows, and 20 of ids.
+    #[test]
+    fn memory_is_checked_before_anything_is_unpacked() -> Outcome {
+        let path = Path::new("m.png");
+        let bytes = encoded(ColorType::Grayscale, BitDepth::Eight, &[], &[7; 10])?;
+        assert!(parse(&bytes, Some(30), path).is_ok() && parse(&bytes, None, path).is_ok());
+        let text = parse(&bytes, Some(29), path).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text.contains("MiB are available; close other programs"), "{text}");
+        Ok(())
+    }
+
     #[test]
     fn other_pictures_are_refused() -> Outcome {
         let text = |file: &[u8]| parse_mask(file, Path::new("m.png")).err().map(|e| e.to_string()).unwrap_or_default();
@@ -233,6 +256,12 @@ mod tests {
             assert!(!text(&good[..end]).is_empty(), "cut to {end} of {}", good.len());
         }
         assert!(text(b"GIF89a").contains("m.png: cannot decode the mask"));
+        // One bit a pixel: few bytes claim many ids.
+        let mut long = Vec::new();
+        let mut encoder = png::Encoder::new(&mut long, 1 << 15, 1);
+        encoder.set_depth(BitDepth::One);
+        encoder.write_header()?.write_image_data(&[0; 1 << 12])?;
+        assert!(text(&long).contains("32768x1 pixels, and no photo has a side above 16384; save"), "{}", text(&long));
         // The header claims 2^20 by 2^20 pixels over the data of ten; its checksum is correct.
         let mut huge = good.clone();
         huge[16..24].copy_from_slice(&[0, 0x10, 0, 0, 0, 0x10, 0, 0]);

@@ -1,7 +1,9 @@
 //! `transforms.json` of NeRF (Blender), instant-ngp and nerfstudio: camera-to-world poses in OpenGL axes.
 //!
 //! Intrinsics are in the file or in a frame, which takes precedence: `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1` to
-//! `k3`, `p1`, `p2`, or `camera_angle_x` (and `_y`). A missing size is read from the image's header.
+//! `k3`, `p1`, `p2`, or `camera_angle_x` (and `_y`). Fields that say one thing together (focal length, distortion, kind of
+//! lens) are taken from one of the two: a frame that has any of them has all of them. A field that is null is not there. A
+//! missing size is read from the image's header.
 //!
 //! Supported additions of nerfstudio: `mask_path` of a frame, and the lists `train_filenames`, `val_filenames` and
 //! `test_filenames`. The test split is `test_filenames`, or `val_filenames` if that is missing or empty; it takes
@@ -26,6 +28,13 @@ const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
 /// Fields that, if set, declare a camera model other than a perspective lens (instant-ngp).
 const OTHER_LENSES: [&str; 5] = ["ftheta_p0", "latlong", "equirectangular", "orthographic", "rolling_shutter"];
+/// Fields that say the focal length together.
+const FOCAL: [&str; 4] = ["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"];
+/// nerfstudio's list of the terms of distortion, and all fields that say the distortion together.
+const TERMS: &str = "distortion_params";
+const DISTORTION: [&str; 9] = [TERMS, "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+/// Fields that say together what kind of lens it is.
+const KIND: [&str; 2] = ["camera_model", "is_fisheye"];
 /// nerfstudio's name of fisheye lenses.
 const FISHEYE: &str = "OPENCV_FISHEYE";
 const UNDISTORT: &str = "undistort the images to PINHOLE";
@@ -56,7 +65,7 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Vec<PosedImage>, Io
 fn apply_filenames(root: &Value, images: &mut Vec<PosedImage>, path: &Path) -> Result<(), IoError> {
     let known: BTreeSet<PathBuf> = images.iter().map(|i| without_dots(&i.file)).collect();
     let list = |field: &str| -> Result<BTreeSet<PathBuf>, IoError> {
-        let Some(value) = root.get(field).filter(|v| !v.is_null()) else { return Ok(BTreeSet::new()) };
+        let Some(value) = present(root, field) else { return Ok(BTreeSet::new()) };
         let fail = |place: String, what: String| IoError::new(path, what).at(Place::Field(place));
         let names = value.as_array().ok_or_else(|| fail(field.into(), "is not a list".into()))?;
         let name = |(i, name): (usize, &Value)| {
@@ -91,6 +100,11 @@ fn apply_filenames(root: &Value, images: &mut Vec<PosedImage>, path: &Path) -> R
     Ok(())
 }
 
+/// A field that is there, and not null.
+fn present<'v>(value: &'v Value, field: &str) -> Option<&'v Value> {
+    value.get(field).filter(|value| !value.is_null())
+}
+
 struct Frame<'a> {
     root: &'a Value,
     frame: &'a Value,
@@ -103,13 +117,24 @@ impl Frame<'_> {
         IoError::new(self.path, what).at(Place::Field(format!("{}.{field}", self.name)))
     }
 
+    /// The frame if it has any of these fields, else the file. Otherwise a field of the file would be taken for the lens of
+    /// a frame that says the same with another field.
+    fn level(&self, fields: &[&str]) -> &Value {
+        if fields.iter().any(|field| present(self.frame, field).is_some()) { self.frame } else { self.root }
+    }
+
     /// A field of the frame, or else of the file.
     fn get(&self, field: &str) -> Option<&Value> {
-        self.frame.get(field).or_else(|| self.root.get(field))
+        present(self.level(&[field]), field)
     }
 
     fn number(&self, field: &str) -> Result<Option<f64>, IoError> {
-        let Some(value) = self.get(field) else { return Ok(None) };
+        self.number_of(self.level(&[field]), field)
+    }
+
+    /// A number of the frame or of the file, which `level` is.
+    fn number_of(&self, level: &Value, field: &str) -> Result<Option<f64>, IoError> {
+        let Some(value) = present(level, field) else { return Ok(None) };
         value.as_f64().map(Some).ok_or_else(|| self.error(field, "is not a number"))
     }
 
@@ -117,14 +142,14 @@ impl Frame<'_> {
         let file =
             self.frame.get("file_path").and_then(Value::as_str).ok_or_else(|| self.error("file_path", "is missing"))?;
         let file = with_ending(folder, file);
-        if let Some(model) = self.get("camera_model").and_then(Value::as_str)
+        if let Some(model) = self.camera_model()
             && !["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "RADIAL", "SIMPLE_RADIAL", FISHEYE].contains(&model)
         {
             let advice = if model.starts_with("EQUIRECT") || model == "PANORAMA" { CUT_PANORAMA } else { UNDISTORT };
             return Err(self.error("camera_model", format!("{model} is not supported")).advise(advice));
         }
         for lens in OTHER_LENSES {
-            if self.get(lens).is_some_and(|v| !matches!(v, Value::Null | Value::Bool(false))) {
+            if self.get(lens).is_some_and(|v| *v != Value::Bool(false)) {
                 let is_panorama = ["latlong", "equirectangular"].contains(&lens);
                 let advice = if is_panorama { CUT_PANORAMA } else { UNDISTORT };
                 return Err(self.error(lens, "such lenses are not supported").advise(advice));
@@ -133,17 +158,7 @@ impl Frame<'_> {
         let distortion = self.distortion()?;
         let (width, height) = self.size(&folder.join(&file))?;
         let (w, h) = (f64::from(width), f64::from(height));
-        let from_angle = |angle: f64, side: f64| 0.5 * side / (0.5 * angle).tan();
-        let fx = match (self.number("fl_x")?, self.number("camera_angle_x")?) {
-            (Some(f), _) => f,
-            (None, Some(angle)) => from_angle(angle, w),
-            (None, None) => return Err(self.error("fl_x", "is missing, and so is camera_angle_x")),
-        };
-        let fy = match (self.number("fl_y")?, self.number("camera_angle_y")?, self.number("fl_x")?) {
-            (Some(f), _, _) => f,
-            (None, Some(angle), None) => from_angle(angle, h),
-            _ => fx,
-        };
+        let (fx, fy) = self.focal(w, h)?;
         let (view_from_world, note) = self.view_from_world()?;
         let note = note.map(|note| format!("{}: {}.transform_matrix: {note}", self.path.display(), self.name));
         let camera = Camera {
@@ -157,51 +172,73 @@ impl Frame<'_> {
             view_from_world,
         };
         camera.validate().map_err(|e| IoError::new(self.path, e.to_string()).at(Place::Field(self.name.clone())))?;
-        let mask = match self.frame.get("mask_path").filter(|v| !v.is_null()) {
+        let mask = match present(self.frame, "mask_path") {
             Some(value) => Some(value.as_str().ok_or_else(|| self.error("mask_path", "is not a string"))?.to_owned()),
             None => None,
         };
         Ok(PosedImage { camera, file, distortion, mask, split: None, note })
     }
 
+    /// Focal lengths of a picture of the given width and height, pixels.
+    fn focal(&self, w: f64, h: f64) -> Result<(f64, f64), IoError> {
+        let level = self.level(&FOCAL);
+        let [fl_x, fl_y, angle_x, angle_y] = FOCAL.map(|field| self.number_of(level, field));
+        let (fl_x, fl_y, angle_x, angle_y) = (fl_x?, fl_y?, angle_x?, angle_y?);
+        let from_angle = |angle: f64, side: f64| 0.5 * side / (0.5 * angle).tan();
+        let fx = match (fl_x, angle_x) {
+            (Some(f), _) => f,
+            (None, Some(angle)) => from_angle(angle, w),
+            (None, None) => return Err(self.error("fl_x", "is missing, and so is camera_angle_x")),
+        };
+        let fy = match (fl_y, angle_y, fl_x) {
+            (Some(f), _, _) => f,
+            (None, Some(angle), None) => from_angle(angle, h),
+            _ => fx,
+        };
+        Ok((fx, fy))
+    }
+
+    fn camera_model(&self) -> Option<&str> {
+        present(self.level(&KIND), "camera_model").and_then(Value::as_str)
+    }
+
     /// True for OpenCV's fisheye model, as nerfstudio and instant-ngp name it.
     fn is_fisheye(&self) -> bool {
-        self.get("camera_model").and_then(Value::as_str) == Some(FISHEYE)
-            || self.get("is_fisheye") == Some(&Value::Bool(true))
+        self.camera_model() == Some(FISHEYE) || present(self.level(&KIND), "is_fisheye") == Some(&Value::Bool(true))
     }
 
     /// The terms k1 to k3, p1 and p2 (of a fisheye lens k1 to k4) as fields, or as nerfstudio's list of k1, k2, k3, k4, p1, p2.
     fn distortion(&self) -> Result<Option<Distortion>, IoError> {
-        const LIST: &str = "distortion_params";
         const BEYOND: &str = "distortion beyond k1 k2 k3 p1 p2 is not supported";
+        let level = self.level(&DISTORTION);
         for term in ["k4", "k5", "k6"] {
             if (term, self.is_fisheye()) == ("k4", true) {
                 continue;
             }
-            if self.number(term)?.is_some_and(|v| v != 0.0) {
+            if self.number_of(level, term)?.is_some_and(|v| v != 0.0) {
                 return Err(self.error(term, BEYOND).advise(UNDISTORT));
             }
         }
-        let Some(list) = self.get(LIST).filter(|v| !v.is_null()) else {
-            let [k1, k2, k3, p1, p2] = ["k1", "k2", "k3", "p1", "p2"].map(|term| self.number(term));
-            let term = |value: Option<f64>| value.unwrap_or(0.0);
-            let (k1, k2, k3, p1, p2) = (term(k1?), term(k2?), term(k3?), term(p1?), term(p2?));
+        let Some(list) = present(level, TERMS) else {
+            let term = |name: &str| self.number_of(level, name).map(|value| value.unwrap_or(0.0));
+            let [k1, k2, k3, p1, p2] = ["k1", "k2", "k3", "p1", "p2"].map(term);
+            let (k1, k2, k3, p1, p2) = (k1?, k2?, k3?, p1?, p2?);
             if self.is_fisheye() {
-                return Ok(Some(fisheye([k1, k2, k3, term(self.number("k4")?)])));
+                return Ok(Some(fisheye([k1, k2, k3, term("k4")?])));
             }
             return Ok(Distortion { k1, k2, p1, p2, k3, fisheye: None }.if_any());
         };
         let terms: Vec<f64> =
-            serde_json::from_value(list.clone()).map_err(|_| self.error(LIST, "is not a list of numbers"))?;
+            serde_json::from_value(list.clone()).map_err(|_| self.error(TERMS, "is not a list of numbers"))?;
         let &[k1, k2, k3, k4, p1, p2] = terms.as_slice() else {
             let what = format!("has {} numbers, not the six k1 k2 k3 k4 p1 p2", terms.len());
-            return Err(self.error(LIST, what).advise("give the terms as fields k1, k2, k3, p1, p2"));
+            return Err(self.error(TERMS, what).advise("give the terms as fields k1, k2, k3, p1, p2"));
         };
         if self.is_fisheye() {
             return Ok(Some(fisheye([k1, k2, k3, k4])));
         }
         if k4 != 0.0 {
-            return Err(self.error(LIST, BEYOND).advise(UNDISTORT));
+            return Err(self.error(TERMS, BEYOND).advise(UNDISTORT));
         }
         Ok(Distortion { k1, k2, p1, p2, k3, fisheye: None }.if_any())
     }
@@ -306,31 +343,20 @@ pub(crate) fn blender_files(dataset: &Path) -> Option<(PathBuf, Option<PathBuf>)
     Some((file("transforms_train.json")?, held_out()))
 }
 
-/// True if a dataset's cameras are in transforms files.
-pub(crate) fn has_transforms(dataset: &Path) -> bool {
-    dataset.join("transforms.json").is_file() || blender_files(dataset).is_some()
-}
-
-/// The point cloud that the dataset's `transforms.json`, or else its `transforms_train.json`, names as `ply_file_path`.
-pub(crate) fn named_point_file(dataset: &Path) -> Result<Option<PathBuf>, IoError> {
+/// The point cloud that a transforms file names as `ply_file_path`.
+pub(crate) fn named_point_file(transforms: &Path) -> Result<Option<PathBuf>, IoError> {
     const FIELD: &str = "ply_file_path";
-    for file in ["transforms.json", "transforms_train.json"] {
-        let path = dataset.join(file);
-        if !path.is_file() {
-            continue;
-        }
-        let root = parse_json(&read_bytes(&path)?, &path)?;
-        let Some(value) = root.get(FIELD).filter(|v| !v.is_null()) else { continue };
-        let fail = |what: String| IoError::new(&path, what).at(Place::Field(FIELD.into()));
-        let name = value.as_str().ok_or_else(|| fail("is not a string".into()))?;
-        let named = dataset.join(without_dots(&file_in(dataset, name)));
-        if !named.is_file() {
-            let error = fail(format!("there is no file {}", named.display()));
-            return Err(error.advise("copy it there, or remove the field"));
-        }
-        return Ok(Some(named));
+    let folder = transforms.parent().unwrap_or(Path::new("."));
+    let root = parse_json(&read_bytes(transforms)?, transforms)?;
+    let Some(value) = present(&root, FIELD) else { return Ok(None) };
+    let fail = |what: String| IoError::new(transforms, what).at(Place::Field(FIELD.into()));
+    let name = value.as_str().ok_or_else(|| fail("is not a string".into()))?;
+    let named = folder.join(without_dots(&file_in(folder, name)));
+    if !named.is_file() {
+        let error = fail(format!("there is no file {}", named.display()));
+        return Err(error.advise("copy it there, or remove the field"));
     }
-    Ok(None)
+    Ok(Some(named))
 }
 
 #[cfg(test)]
@@ -367,6 +393,50 @@ mod tests {
         let out = parse(&text)?;
         assert_eq!(out[0].distortion, Some(Distortion { k3: 0.25, ..Distortion::default() }));
         assert_eq!((out[0].file.as_str(), out[0].camera.name.as_str()), ("i/j/a.jpg", "a"));
+        Ok(())
+    }
+
+    /// The camera and distortion of a frame with its own fields, in a file with others.
+    fn lens(root: &str, frame: &str) -> Result<PosedImage, IoError> {
+        let text =
+            format!(r#"{{"w":20,"h":10,{root},"frames":[{{"file_path":"a.png",{frame},"transform_matrix":{POSE}}}]}}"#);
+        parse(&text)?.pop().ok_or_else(|| IoError::new(Path::new("x"), "no frame"))
+    }
+
+    /// What a frame says with one field is not lost to what the file says with another.
+    #[test]
+    fn a_frame_with_a_lens_of_its_own_has_nothing_of_the_files() -> Result<(), IoError> {
+        let right_angle = format!(r#""camera_angle_x":{}"#, std::f64::consts::FRAC_PI_2);
+        let own = lens(r#""fl_x":9,"fl_y":8"#, &right_angle)?;
+        assert!((own.camera.fx - 10.0).abs() < 1e-9 && own.camera.fy == own.camera.fx, "{:?}", own.camera);
+        let own = lens(r#""fl_x":9,"fl_y":8"#, r#""fl_x":7"#)?;
+        assert_eq!((own.camera.fx, own.camera.fy), (7.0, 7.0));
+        let k1 = |k1: f64| Some(Distortion { k1, ..Distortion::default() });
+        let list = r#""fl_x":9,"distortion_params":[0.5,0,0,0,0,0]"#;
+        assert_eq!(lens(list, r#""cx":9"#)?.distortion, k1(0.5));
+        assert_eq!(lens(list, r#""k1":0.25"#)?.distortion, k1(0.25));
+        assert_eq!(
+            lens(r#""fl_x":9,"k1":0.5,"p1":0.5"#, r#""distortion_params":[0.25,0,0,0,0,0]"#)?.distortion,
+            k1(0.25)
+        );
+        // Neither the kind of lens nor a term that only another kind has.
+        let fisheye = r#""fl_x":9,"is_fisheye":true,"k1":0.5,"k4":0.1"#;
+        assert_eq!(lens(fisheye, r#""camera_model":"OPENCV","k1":0.25"#)?.distortion, k1(0.25));
+        assert!(
+            lens(r#""fl_x":9,"camera_model":"OPENCV""#, r#""is_fisheye":true"#)?
+                .distortion
+                .is_some_and(|d| d.fisheye.is_some())
+        );
+        Ok(())
+    }
+
+    #[test]
+    fn null_is_a_field_that_is_not_there() -> Result<(), IoError> {
+        let own =
+            lens(r#""fl_x":9,"fl_y":8,"k1":0.5,"cx":3"#, r#""fl_x":null,"fl_y":null,"k1":null,"cx":null,"cy":null"#)?;
+        assert_eq!((own.camera.fx, own.camera.fy, own.camera.cx, own.camera.cy), (9.0, 8.0, 3.0, 5.0));
+        assert_eq!(own.distortion, Some(Distortion { k1: 0.5, ..Distortion::default() }));
+        assert!(lens(r#""fl_x":null"#, r#""cx":1"#).is_err_and(|e| e.to_string().contains("fl_x: is missing")));
         Ok(())
     }
 

@@ -3,8 +3,9 @@
 //! Properties are read by name, in any order and of any scalar type; other properties and elements are skipped.
 //! `f_rest_*` are stored by channel (all of red, then green, then blue) and become `[coefficient][rgb]`; of SH degree 4
 //! the first three degrees are kept. A Gaussian without `scale_2` (2D Gaussians) is flat. Mip-Splatting's `filter_3D`
-//! is applied to scales and opacities. Only comments can say that opacities are compensated for small Gaussians:
-//! `SplatRenderMode: mip` (Brush, splat-transform), which is also written here, or `antialiased 1` (Postshot).
+//! is applied to scales and opacities. Comments say that opacities are compensated for small Gaussians:
+//! `SplatRenderMode: mip` (Brush, splat-transform), which is also written here, or `antialiased 1` (Postshot). A cloud with
+//! `filter_3D` and without such a comment is Mip-Splatting's own, which always compensates.
 
 use std::path::Path;
 
@@ -18,6 +19,10 @@ use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// First word of the comment that holds a dilation other than that of 3DGS, px^2; ours alone.
 const DILATION_COMMENT: &str = "dilation_px2";
+
+/// Property of Mip-Splatting's 3D filter, and the pixel filter that its programs train and draw with.
+const FILTER_3D: &str = "filter_3D";
+const MIP_SPLATTING: PixelFilter = PixelFilter { dilation_px2: 0.1, antialias: true };
 
 /// The contents of a `.ply` file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,7 +52,8 @@ pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<PlyCloud, IoError> {
     let vertex = table
         .element("vertex")
         .ok_or_else(|| IoError::new(path, "has no element vertex").advise("a scene has one vertex per Gaussian"))?;
-    let pixel_filter = filter_of(&table.comments);
+    let said = filter_of(&table.comments);
+    let is_mip = said.is_none() && vertex.column(FILTER_3D).is_some();
     let (mut gaussians, file_degree) = if vertex.column("packed_position").is_some() {
         ply_packed::read(&table, path)?
     } else {
@@ -58,21 +64,29 @@ pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<PlyCloud, IoError> {
     });
     let [transparent, opaque] = [0, u8::MAX].map(logit_of_byte);
     gaussians.opacity_logits.par_iter_mut().filter(|l| l.is_infinite()).for_each(|l| *l = l.clamp(transparent, opaque));
-    let notes = cut_note(file_degree).into_iter().collect();
+    let mip_note = || {
+        let dilation = MIP_SPLATTING.dilation_px2;
+        format!(
+            "has Mip-Splatting's {FILTER_3D}: drawn as there, with opacity compensation and a dilation of {dilation} px^2"
+        )
+    };
+    let notes = cut_note(file_degree).into_iter().chain(is_mip.then(mip_note)).collect();
+    let pixel_filter = said.unwrap_or(if is_mip { MIP_SPLATTING } else { PixelFilter::default() });
     Ok(PlyCloud { gaussians, pixel_filter, notes })
 }
 
-/// The pixel filter, by the last comments about it.
-fn filter_of(comments: &[Vec<String>]) -> PixelFilter {
+/// The pixel filter, by the last comments about it; `None` if no comment is.
+fn filter_of(comments: &[Vec<String>]) -> Option<PixelFilter> {
     let dilation = |words: &Vec<String>| match words.as_slice() {
         [name, value] if name == DILATION_COMMENT => dilation_of(value),
         _ => None,
     };
-    let usual = PixelFilter::default().dilation_px2;
-    PixelFilter {
-        dilation_px2: comments.iter().rev().find_map(dilation).unwrap_or(usual),
-        antialias: is_compensated(comments),
-    }
+    let (dilation_px2, antialias) = (comments.iter().rev().find_map(dilation), is_compensated(comments));
+    let usual = PixelFilter::default();
+    (dilation_px2.is_some() || antialias.is_some()).then(|| PixelFilter {
+        dilation_px2: dilation_px2.unwrap_or(usual.dilation_px2),
+        antialias: antialias.unwrap_or(usual.antialias),
+    })
 }
 
 /// A dilation that scenes can have, px^2.
@@ -80,8 +94,8 @@ pub(crate) fn dilation_of(text: &str) -> Option<f32> {
     text.parse().ok().filter(|dilation| (1e-6..=1e6).contains(dilation))
 }
 
-/// Whether opacities are compensated, by the last comment about it.
-fn is_compensated(comments: &[Vec<String>]) -> bool {
+/// Whether opacities are compensated, by the last comment about it; `None` if there is none.
+fn is_compensated(comments: &[Vec<String>]) -> Option<bool> {
     let says = |words: &Vec<String>| {
         let words: Vec<String> = words.iter().map(|word| word.to_ascii_lowercase()).collect();
         match words.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
@@ -90,7 +104,7 @@ fn is_compensated(comments: &[Vec<String>]) -> bool {
             _ => None,
         }
     };
-    comments.iter().rev().find_map(says).unwrap_or(false)
+    comments.iter().rev().find_map(says)
 }
 
 /// Reads a cloud in INRIA's layout; also returns the SH degree stored in the file.
@@ -112,7 +126,7 @@ fn read_plain(table: &PlyTable<'_>, vertex: &Element, path: &Path) -> Result<(Ga
     // 2D Gaussians have no third scale.
     let thickness = vertex.column("scale_2");
     let quats = [column("rot_0")?, column("rot_1")?, column("rot_2")?, column("rot_3")?];
-    let filter = vertex.column("filter_3D");
+    let filter = vertex.column(FILTER_3D);
     let RestColumns { kept: sh_degree, stored, triples } = rest_columns(vertex, path)?;
     let sh = [&[dc], triples.as_slice()].concat();
     let shape = |value: &dyn Fn(usize) -> f32| {
@@ -314,6 +328,12 @@ pub(crate) mod tests {
         assert!((cloud.opacity_logits[0] - (opacity / (1.0 - opacity)).ln()).abs() < 1e-6, "{cloud:?}");
         let unfiltered = [&scales[..], &[("opacity", 0.7), ("filter_3D", 0.0)]].concat();
         assert!((parse(&file_of("", &named(&unfiltered)))?.opacity_logits[0] - 0.7).abs() < 1e-6);
+        // Its programs compensate opacities without saying so.
+        let read = |comment: &str| parse_ply(&file_of(comment, &named(&properties)), Path::new("x"));
+        let silent = read("comment made by x\n")?;
+        assert_eq!((silent.pixel_filter, silent.notes.len()), (MIP_SPLATTING, 1));
+        let said = read("comment SplatRenderMode: default\n")?;
+        assert_eq!((said.pixel_filter, said.notes.len()), (PixelFilter::default(), 0));
         Ok(())
     }
 

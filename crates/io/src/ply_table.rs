@@ -2,10 +2,15 @@
 
 use std::path::Path;
 
-use crate::error::{IoError, Place};
+use crate::error::{BY_ENDING, IoError, Place};
 
 /// Upper limit on the length of a header, which normally has a few kilobytes.
 const MAX_HEADER_BYTES: usize = 1 << 20;
+
+/// Upper limits on the elements of a file and on the properties of one: names are compared with all before them. Clouds have
+/// a few elements, and under a hundred properties.
+const MAX_ELEMENTS: usize = 64;
+const MAX_PROPERTIES: usize = 4096;
 
 /// A scalar type of a PLY property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,6 +112,16 @@ enum Encoding {
     Big,
 }
 
+/// The encoding that a header names.
+fn encoding_of(name: &str) -> Result<Encoding, String> {
+    match name {
+        "ascii" => Ok(Encoding::Ascii),
+        "binary_little_endian" => Ok(Encoding::Little),
+        "binary_big_endian" => Ok(Encoding::Big),
+        other => Err(format!("unknown PLY encoding {other}")),
+    }
+}
+
 /// A PLY file whose header is parsed; rows are read with [`PlyTable::walk`].
 pub(crate) struct PlyTable<'a> {
     pub(crate) elements: Vec<Element>,
@@ -129,78 +144,82 @@ impl<'a> PlyTable<'a> {
         let (mut position, mut line_number, mut encoding) = (0, 0u64, None);
         loop {
             line_number += 1;
-            let fail = |what: String| Err(IoError::new(path, what).at(Place::Line(line_number)));
+            let fail = |what: &str| IoError::damaged(path, what).at(Place::Line(line_number));
             let Some(length) = head[position..].iter().position(|&b| b == b'\n') else {
-                return fail(if line_number == 1 {
-                    "is not a PLY file".into()
-                } else {
-                    "the PLY header has no end_header".into()
+                return Err(match line_number {
+                    1 => fail("is not a PLY file").advise(BY_ENDING),
+                    _ => fail("the PLY header has no end_header"),
                 });
             };
             let raw = &head[position..position + length];
             position += length + 1;
             let text = String::from_utf8_lossy(raw);
             let words: Vec<&str> = text.split_ascii_whitespace().collect();
-            match words.as_slice() {
+            let understood = match words.as_slice() {
+                ["ply"] if line_number == 1 => Ok(()),
                 _ if line_number == 1 => {
-                    if words != ["ply"] {
-                        return fail("is not a PLY file: the first line is not \"ply\"".into());
-                    }
+                    return Err(fail("is not a PLY file: the first line is not \"ply\"").advise(BY_ENDING));
                 }
-                ["format", name, _version] => {
-                    encoding = Some(match *name {
-                        "ascii" => Encoding::Ascii,
-                        "binary_little_endian" => Encoding::Little,
-                        "binary_big_endian" => Encoding::Big,
-                        other => return fail(format!("unknown PLY encoding {other}")),
-                    });
-                }
+                ["format", name, _version] => encoding_of(name).map(|of_name| encoding = Some(of_name)),
                 ["comment", words @ ..] => {
                     table.comments.push(words.iter().map(|&word| word.into()).collect());
+                    Ok(())
                 }
-                ["obj_info", ..] | [] => {}
-                ["element", name, count] => {
-                    let Ok(count) = count.parse::<u64>() else {
-                        return fail(format!("element {name} has the count {count}, which is not a number"));
-                    };
-                    if table.elements.iter().any(|e| e.name == *name) {
-                        return fail(format!("element {name} appears twice"));
-                    }
-                    table.elements.push(Element { name: (*name).into(), count, properties: Vec::new() });
-                }
-                ["property", rest @ ..] => {
-                    let Some(element) = table.elements.last_mut() else {
-                        return fail("a property comes before any element".into());
-                    };
-                    let property = match rest {
-                        ["list", count, kind, name] => Scalar::parse(count)
-                            .zip(Scalar::parse(kind))
-                            .map(|(count, kind)| Property { name: (*name).into(), kind, list_count: Some(count) }),
-                        [kind, name] => {
-                            Scalar::parse(kind).map(|kind| Property { name: (*name).into(), kind, list_count: None })
-                        }
-                        _ => None,
-                    };
-                    let Some(property) = property else {
-                        return fail(format!("cannot parse the property line \"{}\"", text.trim()));
-                    };
-                    if property.list_count.is_some_and(|c| matches!(c, Scalar::F32 | Scalar::F64)) {
-                        return fail(format!("the list {} is counted by a floating-point type", property.name));
-                    }
-                    if element.column(&property.name).is_some() {
-                        return fail(format!("property {} appears twice in element {}", property.name, element.name));
-                    }
-                    element.properties.push(property);
-                }
+                ["obj_info", ..] | [] => Ok(()),
+                ["element", name, count] => table.push_element(name, count),
+                ["property", rest @ ..] => table.push_property(rest),
                 ["end_header"] => break,
-                _ => return fail(format!("cannot parse the header line \"{}\"", text.trim())),
-            }
+                _ => Err(format!("cannot parse the header line \"{}\"", text.trim())),
+            };
+            understood.map_err(|what| fail(&what))?;
         }
         let Some(encoding) = encoding else {
             return Err(IoError::damaged(path, "the PLY header has no format line"));
         };
         (table.encoding, table.body) = (encoding, position);
         Ok(table)
+    }
+
+    /// Takes an element of the header; the text of an error says what is wrong with its line.
+    fn push_element(&mut self, name: &str, count: &str) -> Result<(), String> {
+        let Ok(count) = count.parse::<u64>() else {
+            return Err(format!("element {name} has the count {count}, which is not a number"));
+        };
+        if self.elements.iter().any(|e| e.name == name) {
+            return Err(format!("element {name} appears twice"));
+        }
+        if self.elements.len() == MAX_ELEMENTS {
+            return Err(format!("has more than {MAX_ELEMENTS} elements, and a cloud has one or two"));
+        }
+        self.elements.push(Element { name: name.into(), count, properties: Vec::new() });
+        Ok(())
+    }
+
+    /// Takes a property of the header, of the last element, by the words after the first.
+    fn push_property(&mut self, words: &[&str]) -> Result<(), String> {
+        let element = self.elements.last_mut().ok_or("a property comes before any element")?;
+        let property = match words {
+            ["list", count, kind, name] => Scalar::parse(count)
+                .zip(Scalar::parse(kind))
+                .map(|(count, kind)| Property { name: (*name).into(), kind, list_count: Some(count) }),
+            [kind, name] => Scalar::parse(kind).map(|kind| Property { name: (*name).into(), kind, list_count: None }),
+            _ => None,
+        };
+        let Some(property) = property else {
+            return Err(format!("cannot parse the property line \"property {}\"", words.join(" ")));
+        };
+        if property.list_count.is_some_and(|c| matches!(c, Scalar::F32 | Scalar::F64)) {
+            return Err(format!("the list {} is counted by a floating-point type", property.name));
+        }
+        if element.column(&property.name).is_some() {
+            return Err(format!("property {} appears twice in element {}", property.name, element.name));
+        }
+        if element.properties.len() == MAX_PROPERTIES {
+            let what = "properties, and a Gaussian has under a hundred";
+            return Err(format!("element {} has more than {MAX_PROPERTIES} {what}", element.name));
+        }
+        element.properties.push(property);
+        Ok(())
     }
 
     pub(crate) fn element(&self, name: &str) -> Option<&Element> {
@@ -322,5 +341,43 @@ impl<'a> PlyTable<'a> {
         let raw = self.bytes.get(*position..*position + kind.bytes()).ok_or_else(early)?;
         *position += kind.bytes();
         Ok(kind.decode(raw, self.encoding == Encoding::Big))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(header: &str) -> String {
+        let bytes = format!("ply\nformat ascii 1.0\n{header}end_header\n");
+        PlyTable::parse(bytes.as_bytes(), Path::new("x.ply")).err().map(|e| e.to_string()).unwrap_or_default()
+    }
+
+    /// Names are compared with each other, which would take minutes for a header of a megabyte.
+    #[test]
+    fn headers_of_too_many_names_are_refused() {
+        let elements = |count: usize| (0..count).map(|i| format!("element e{i} 0\n")).collect::<String>();
+        assert_eq!(error(&elements(MAX_ELEMENTS)), "");
+        let text = error(&elements(MAX_ELEMENTS + 1));
+        assert!(text.starts_with("x.ply: line 67: has more than 64 elements") && text.contains("; copy"), "{text}");
+        let properties = |count: usize| {
+            let lines = (0..count).map(|i| format!("property char p{i}\n"));
+            format!("element vertex 0\n{}", lines.collect::<String>())
+        };
+        assert_eq!(error(&properties(MAX_PROPERTIES)), "");
+        let text = error(&properties(MAX_PROPERTIES + 1));
+        assert!(text.starts_with("x.ply: line 4100: element vertex has more than 4096 properties"), "{text}");
+    }
+
+    #[test]
+    fn faults_of_headers_have_a_line_and_a_next_step() {
+        for (header, want) in [
+            ("property char x\n", "line 3: a property comes before any element; copy"),
+            ("element vertex many\n", "line 3: element vertex has the count many, which is not a number; copy"),
+            ("element vertex 1\nproperty word x\n", "line 4: cannot parse the property line \"property word x\"; copy"),
+            ("format utf8 1.0\n", "line 3: unknown PLY encoding utf8; copy"),
+        ] {
+            assert!(error(header).contains(want), "{}", error(header));
+        }
     }
 }

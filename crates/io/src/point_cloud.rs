@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use crate::bytes::Cursor;
 use crate::colmap::{lines, number};
+use crate::dataset::CameraFiles;
 use crate::error::{IoError, Place};
-use crate::nerf::{has_transforms, named_point_file};
+use crate::nerf::named_point_file;
 use crate::ply_table::PlyTable;
 use crate::{atomic_write, read_bytes};
 use instgs_vk::math::sh::SH_C0;
@@ -15,7 +16,7 @@ use instgs_vk::scene::point_cloud::PointCloud;
 /// Colour of points whose file stores none.
 const NO_COLOR: [u8; 3] = [128; 3];
 
-/// File names tried in this order if no transforms file names a point cloud.
+/// File names tried in this order if the cameras' file names no point cloud.
 const PLACES: [&str; 3] = ["points3d.ply", "points3D.ply", "sparse_pc.ply"];
 
 /// Files tried next, which belong to COLMAP's cameras. Tools that convert such cameras to a transforms file rotate,
@@ -44,16 +45,26 @@ pub struct LoadedPoints {
     pub notes: Vec<String>,
 }
 
-/// Reads the points of a dataset folder, `None` if it has none. The first of these is used: the `ply_file_path` of
-/// `transforms.json` (else of `transforms_train.json`), `points3d.ply`, `points3D.ply`, `sparse_pc.ply`, and, if the
-/// cameras are COLMAP's, `points3D.bin`, `.txt` or `.ply` in `sparse/0` or `sparse`.
+/// Reads the points of a dataset folder, `None` if it has none. The first of these is used: the `ply_file_path` of the
+/// transforms file that the cameras are read from ([`crate::dataset::read_views`]; of a pair, the one to train on),
+/// `points3d.ply`, `points3D.ply`, `sparse_pc.ply`, and, unless the cameras are of a transforms file, `points3D.bin`,
+/// `.txt` or `.ply` in the folder of COLMAP's cameras, in `sparse/0` or in `sparse`.
 ///
 /// # Errors
 /// A file that is named but missing, damaged, or without finite points.
 pub fn read_points(folder: &Path) -> Result<Option<LoadedPoints>, IoError> {
-    let first_of = |places: &[&str]| places.iter().map(|place| folder.join(place)).find(|path| path.is_file());
-    let colmap = || if has_transforms(folder) { None } else { first_of(&COLMAP_PLACES) };
-    let Some(path) = named_point_file(folder)?.or_else(|| first_of(&PLACES)).or_else(colmap) else { return Ok(None) };
+    let cameras = CameraFiles::of(folder);
+    let named = match &cameras {
+        Some(CameraFiles::Transforms { train, .. }) => named_point_file(train)?,
+        _ => None,
+    };
+    let in_folder = || PLACES.iter().map(|place| folder.join(place)).find(|path| path.is_file());
+    let of_colmap = || match &cameras {
+        Some(CameraFiles::Transforms { .. }) => None,
+        Some(CameraFiles::Colmap(model)) => colmap_points(folder, Some(model)),
+        None => colmap_points(folder, None),
+    };
+    let Some(path) = named.or_else(in_folder).or_else(of_colmap) else { return Ok(None) };
     let bytes = read_bytes(&path)?;
     let ending = path.extension().map(|e| e.to_ascii_lowercase());
     let mut points = match ending.as_deref().and_then(|e| e.to_str()) {
@@ -81,9 +92,16 @@ pub fn read_points(folder: &Path) -> Result<Option<LoadedPoints>, IoError> {
     Ok(Some(LoadedPoints { points, path, dropped_non_finite, dropped_coinciding, notes }))
 }
 
+/// The points of COLMAP, of several first those that belong to `model`.
+fn colmap_points(folder: &Path, model: Option<&Path>) -> Option<PathBuf> {
+    let there = || COLMAP_PLACES.iter().map(|place| folder.join(place)).filter(|path| path.is_file());
+    there().find(|path| model.is_some() && path.parent() == model).or_else(|| there().next())
+}
+
 /// Advice for the user if a dataset has no points.
 pub fn advice_without_points(folder: &Path) -> String {
-    let unused = COLMAP_PLACES.iter().find(|place| has_transforms(folder) && folder.join(place).is_file());
+    let has_transforms = matches!(CameraFiles::of(folder), Some(CameraFiles::Transforms { .. }));
+    let unused = COLMAP_PLACES.iter().find(|place| has_transforms && folder.join(place).is_file());
     match unused {
         Some(place) => format!(
             "{place} may be in other axes than transforms.json: name a .ply there as ply_file_path, or remove \
@@ -311,6 +329,34 @@ mod tests {
         assert!(advice.contains("sparse/0/points3D.bin") && advice.contains("ply_file_path"), "{advice}");
         write(&root.join("points3d.ply"), &one_point_ply("1"))?;
         assert!(read_points(root)?.is_some());
+        Ok(())
+    }
+
+    /// The points are those of the file, and of the model, that the cameras are read from.
+    #[test]
+    fn points_and_cameras_are_of_the_same_files() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let root = folder.path();
+        let path = || Ok::<_, IoError>(read_points(root)?.map(|loaded| loaded.path));
+        for model in ["sparse/0", "sparse"] {
+            write(&root.join(model).join("points3D.bin"), &points_bin(1.0))?;
+        }
+        for file in ["cameras.txt", "images.txt"] {
+            write(&root.join("sparse").join(file), b"")?;
+        }
+        assert_eq!(path()?, Some(root.join("sparse/points3D.bin")));
+        std::fs::remove_file(root.join("sparse/points3D.bin"))?;
+        assert_eq!(path()?, Some(root.join("sparse/0/points3D.bin")));
+        for name in ["single", "pair"] {
+            write(&root.join(format!("{name}.ply")), &one_point_ply("1"))?;
+        }
+        let naming = |name: &str| format!(r#"{{"ply_file_path":"{name}.ply","frames":[]}}"#);
+        std::fs::write(root.join("transforms_train.json"), naming("pair"))?;
+        assert_eq!(path()?, Some(root.join("pair.ply")));
+        std::fs::write(root.join("transforms.json"), naming("single"))?;
+        assert_eq!(path()?, Some(root.join("single.ply")));
+        std::fs::write(root.join("transforms_val.json"), naming("single"))?;
+        assert_eq!(path()?, Some(root.join("pair.ply")));
         Ok(())
     }
 

@@ -90,9 +90,14 @@ impl RunFolder {
         self.path.join("labels.safetensors")
     }
 
-    /// Which objects are alike, and where they stand.
+    /// Which objects are alike, and their poses.
     pub fn groups(&self) -> PathBuf {
         self.path.join("groups.json")
+    }
+
+    /// How each object was registered; written after [`Self::groups`].
+    pub fn registration(&self) -> PathBuf {
+        self.path.join("registration.json")
     }
 
     /// The scene of templates and instances that the joint phase starts from.

@@ -17,7 +17,7 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::bytes::Cursor;
-use crate::error::{IoError, Place};
+use crate::error::{BY_ENDING, IoError, Place};
 use crate::host_memory::{available_bytes, check_reading};
 use crate::spz_axes::Extensions;
 use crate::spz_codec::{self, Layout};
@@ -87,8 +87,9 @@ fn parse_within(bytes: &[u8], memory: Option<u64>, path: &Path) -> Result<SpzClo
         return arrays_in_one_piece(&header, &plain[HEADER_BYTES..], path);
     }
     if !bytes.starts_with(b"NGSP") {
-        return Err(IoError::new(path, "is not an SPZ file: neither gzip nor the letters NGSP at its start")
-            .advise("a file's ending says what it is: .ply, .spz, .sog, .splat, .glb or .instgs"));
+        return Err(
+            IoError::new(path, "is not an SPZ file: neither gzip nor the letters NGSP at its start").advise(BY_ENDING)
+        );
     }
     let mut cursor = Cursor::new(bytes, path);
     let header = Header::parse(&mut cursor, path)?;
@@ -116,25 +117,25 @@ struct Header {
 impl Header {
     fn parse(cursor: &mut Cursor<'_>, path: &Path) -> Result<Self, IoError> {
         if cursor.u32("the SPZ header")? != MAGIC {
-            return Err(IoError::new(path, "is not an SPZ file: the data does not start with NGSP").at(Place::Byte(0)));
+            let error = IoError::new(path, "is not an SPZ file: the data does not start with NGSP").at(Place::Byte(0));
+            return Err(error.advise(BY_ENDING));
         }
         let version = cursor.u32("the SPZ header")?;
         let splats = cursor.u32("the SPZ header")?;
         let byte = |c: &mut Cursor<'_>| c.u8("the SPZ header");
         let (sh_degree, fractional_bits) = (byte(cursor)?, byte(cursor)?);
         let (flags, streams) = (byte(cursor)?, byte(cursor)?);
-        let field = |name: &str, what: String| Err(IoError::new(path, what).at(Place::Field(name.into())));
+        let field = |name: &str, what: String| IoError::damaged(path, what).at(Place::Field(name.into()));
         if !(1..=4).contains(&version) {
-            return field("version", format!("SPZ version {version} is not known, only 1 to 4"));
+            let error = field("version", format!("SPZ version {version} is not known, only 1 to 4"));
+            return Err(error.advise("have its program write one of these, or a .ply"));
         }
         if sh_degree > 4 {
-            return field("shDegree", format!("SH degree {sh_degree} is not known, only 0 to 4"));
+            return Err(field("shDegree", format!("SH degree {sh_degree} is not known, only 0 to 4")));
         }
         if fractional_bits > 30 {
-            return field(
-                "fractionalBits",
-                format!("{fractional_bits} fractional bits do not fit the 24-bit positions"),
-            );
+            let what = format!("{fractional_bits} fractional bits do not fit the 24-bit positions");
+            return Err(field("fractionalBits", what));
         }
         Ok(Self { version, splats, sh_degree, fractional_bits, flags, streams })
     }
@@ -145,7 +146,7 @@ impl Header {
 
     fn too_many(&self, file_bytes: usize, path: &Path) -> IoError {
         let what = format!("the header claims {} splats, more than {file_bytes} bytes can hold", self.splats);
-        IoError::new(path, what).at(Place::Field("numPoints".into()))
+        IoError::damaged(path, what).at(Place::Field("numPoints".into()))
     }
 
     /// Checks memory for arrays of so many bytes, which are unpacked first, and for the Gaussians.
@@ -173,7 +174,7 @@ fn arrays_in_one_piece(header: &Header, body: &[u8], path: &Path) -> Result<SpzC
             header.splats,
             body.len()
         );
-        return Err(IoError::new(path, what).at(Place::Byte((HEADER_BYTES + body.len()) as u64)));
+        return Err(IoError::damaged(path, what).at(Place::Byte((HEADER_BYTES + body.len()) as u64)));
     }
     let mut rest = body;
     let arrays = layout.array_bytes().map(|n| {
@@ -195,7 +196,7 @@ fn streams(header: &Header, bytes: &[u8], memory: Option<u64>, path: &Path) -> R
     let toc = cursor.u32("the SPZ header")? as usize;
     if toc < HEADER_BYTES_V4 {
         let what = format!("the table of contents at byte {toc} lies within the header");
-        return Err(IoError::new(path, what).at(Place::Field("tocByteOffset".into())));
+        return Err(IoError::damaged(path, what).at(Place::Field("tocByteOffset".into())));
     }
     cursor.take(HEADER_BYTES_V4 - cursor.position(), "the SPZ header")?;
     let extensions = cursor.take(toc - HEADER_BYTES_V4, "the part before the table of contents")?;
@@ -204,7 +205,7 @@ fn streams(header: &Header, bytes: &[u8], memory: Option<u64>, path: &Path) -> R
     if present != usize::from(header.streams) {
         let what =
             format!("{} streams, where {} splats of this SH degree have {present}", header.streams, header.splats);
-        return Err(IoError::new(path, what).at(Place::Field("numStreams".into())));
+        return Err(IoError::damaged(path, what).at(Place::Field("numStreams".into())));
     }
     let mut packed_sizes = [0usize; 6];
     for (i, &size) in sizes.iter().enumerate().filter(|&(_, &n)| n > 0) {
@@ -223,7 +224,7 @@ fn streams(header: &Header, bytes: &[u8], memory: Option<u64>, path: &Path) -> R
         }
         let start = cursor.position();
         let packed = cursor.take(packed_sizes[i], &format!("stream {i}"))?;
-        let broken = |what: String| IoError::new(path, format!("stream {i} {what}")).at(Place::Byte(start as u64));
+        let broken = |what: String| IoError::damaged(path, format!("stream {i} {what}")).at(Place::Byte(start as u64));
         // The buffer grows with the actual output, and at most one byte more than expected is read.
         let read = zstd::stream::read::Decoder::with_buffer(packed)
             .and_then(|d| d.take(sizes[i].saturating_add(1)).read_to_end(&mut arrays[i]));

@@ -4,10 +4,11 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use crate::dataset::View;
 use crate::error::IoError;
+use crate::host_memory::{available_bytes, check_reading};
 use crate::{jpeg_end, read_bytes, view_resample};
 use instgs_vk::scene::camera::Camera;
 
@@ -25,6 +26,9 @@ pub struct ViewImage {
     /// Red, green, blue, and coverage (or 0) of each pixel.
     pub rgba: Vec<[u8; 4]>,
 }
+
+/// Pictures that take fewer bytes are decoded without a look at the memory that is available.
+const LARGE_PICTURE: u64 = 256 << 20;
 
 /// Fourth byte of an ignored pixel.
 pub const IGNORED: u8 = 0;
@@ -53,13 +57,15 @@ pub struct LoadedView {
 }
 
 /// Reads the image of a view (JPEG or PNG of any depth and channels; alpha becomes coverage). The EXIF orientation is obeyed
-/// if the camera has the size of the turned picture and not of the stored one, else ignored. Pixels that are 0 in the view's mask are ignored. Lens distortion is removed with the same
-/// intrinsics, so pixels at the border may become ignored. If `width` is smaller than the image's, it is downscaled to
-/// that width: the height is `round(height * width / old width)`, at least 1, and the intrinsics are scaled per axis. A
-/// larger `width`, or `None`, changes nothing.
+/// if the camera has the size of the turned picture and not of the stored one, else ignored. Pixels that are black or fully
+/// transparent in the view's mask are ignored; in a JPEG, which blurs edges, black is the lower half of the range. Lens
+/// distortion is removed with the same intrinsics, so pixels at the border may become ignored. If `width` is smaller than
+/// the image's, it is downscaled to that width: the height is `round(height * width / old width)`, at least 1, and the
+/// intrinsics are scaled per axis. A larger `width`, or `None`, changes nothing.
 ///
 /// # Errors
-/// A file is missing, cannot be decoded or is truncated, or the size of the image or mask is not the camera's.
+/// A file is missing, cannot be decoded or is truncated, takes more memory than is available, or the size of the image or
+/// mask is not the camera's.
 pub fn load_view(view: &View, width: Option<u32>) -> Result<LoadedView, IoError> {
     let mut camera = view.camera.clone();
     let mut image = decode(&view.image_path, &camera)?;
@@ -85,7 +91,7 @@ pub fn camera_at_width(camera: &Camera, width: Option<u32>) -> Camera {
 }
 
 fn decode(path: &Path, camera: &Camera) -> Result<ViewImage, IoError> {
-    let decoded = decode_sized(path, camera, "image")?.into_rgba8().into_raw();
+    let decoded = decode_sized(path, camera, "image")?.0.into_rgba8().into_raw();
     let rgba = decoded.as_chunks().0.iter().map(|&[r, g, b, alpha]| [r, g, b, coverage_byte(alpha)]).collect();
     Ok(ViewImage { width: camera.width, height: camera.height, rgba })
 }
@@ -97,22 +103,28 @@ fn coverage_byte(alpha: u8) -> u8 {
 }
 
 fn apply_mask(image: &mut ViewImage, path: &Path, camera: &Camera) -> Result<(), IoError> {
+    let (mask, format) = decode_sized(path, camera, "mask")?;
+    let most_black = if format == Some(ImageFormat::Jpeg) { u16::MAX / 2 } else { 0 };
     // 16 bits, because the smallest values of a deeper mask would become 0 in 8 bits.
-    let mask = decode_sized(path, camera, "mask")?.into_luma16().into_raw();
-    for (pixel, _) in image.rgba.iter_mut().zip(&mask).filter(|(_, m)| **m == 0) {
-        pixel[3] = IGNORED;
+    let mask = mask.into_luma_alpha16().into_raw();
+    for (pixel, &[grey, alpha]) in image.rgba.iter_mut().zip(mask.as_chunks().0) {
+        if grey <= most_black || alpha == 0 {
+            pixel[3] = IGNORED;
+        }
     }
     Ok(())
 }
 
-/// Decodes an image that must have the camera's size, which is checked before any allocation for the pixels.
-fn decode_sized(path: &Path, camera: &Camera, kind: &str) -> Result<DynamicImage, IoError> {
+/// Decodes an image that must have the camera's size, which is checked before any allocation for the pixels; and the
+/// format of its file.
+fn decode_sized(path: &Path, camera: &Camera, kind: &str) -> Result<(DynamicImage, Option<ImageFormat>), IoError> {
     let fail = |e: &dyn std::fmt::Display| IoError::new(path, format!("cannot decode the {kind}: {e}"));
     let bytes = read_bytes(path)?;
     if jpeg_end::is_cut_jpeg(&bytes) {
         return Err(fail(&"the JPEG ends early").advise("copy it again"));
     }
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| fail(&e))?;
+    let format = reader.format();
     let mut decoder = reader.into_decoder().map_err(|e| fail(&e))?;
     let (size, want) = (decoder.dimensions(), (camera.width, camera.height));
     // Only where it makes the difference: a camera made for the stored pixels does not obey the tag.
@@ -123,15 +135,21 @@ fn decode_sized(path: &Path, camera: &Camera, kind: &str) -> Result<DynamicImage
         return Err(IoError::new(path, what)
             .advise("use the images that the cameras were made for; --width trains at a smaller size"));
     }
+    let pixels = u64::from(size.0) * u64::from(size.1);
+    // As decoded, and with four bytes a pixel after that.
+    let need = decoder.total_bytes().saturating_add(4 * pixels);
+    if need > LARGE_PICTURE {
+        check_reading(path, &format!("the {kind} takes"), need, available_bytes())?;
+    }
     let mut limits = Limits::no_limits();
     // 16 bytes per pixel is the widest format; the rest is for the decoder's own tables.
-    limits.max_alloc = Some(u64::from(size.0) * u64::from(size.1) * 16 + (64 << 20));
+    limits.max_alloc = Some(16 * pixels + (64 << 20));
     decoder.set_limits(limits).map_err(|e| fail(&e))?;
     let mut image = DynamicImage::from_decoder(decoder).map_err(|e| fail(&e))?;
     if is_turned {
         image.apply_orientation(turn);
     }
-    Ok(image)
+    Ok((image, format))
 }
 
 /// True for the EXIF orientations that exchange width and height.

@@ -108,6 +108,25 @@ fn zero_in_the_mask_is_ignored() -> Outcome {
     Ok(())
 }
 
+/// JPEG blurs black beside white, so that nothing of the black part need be 0.
+#[test]
+fn masks_may_be_transparent_or_jpeg() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("a.png");
+    image::RgbImage::from_pixel(32, 8, image::Rgb([9, 8, 7])).save(&path)?;
+    let mut view = view(path, 32, 8);
+    let jpeg = folder.path().join("m.jpg");
+    image::GrayImage::from_fn(32, 8, |x, _| image::Luma([if x < 13 { 20 } else { 235 }])).save(&jpeg)?;
+    let png = folder.path().join("m.png");
+    image::RgbaImage::from_fn(32, 8, |x, _| image::Rgba([255, 255, 255, if x < 13 { 0 } else { 1 }])).save(&png)?;
+    for mask in [jpeg, png] {
+        view.mask_path = Some(mask);
+        let row: Vec<u8> = load_view(&view, None)?.image.rgba[..32].iter().map(|p| p[3]).collect();
+        assert_eq!(row, [[IGNORED; 13].as_slice(), &[OPAQUE; 19]].concat(), "{view:?}");
+    }
+    Ok(())
+}
+
 #[test]
 fn boxes_average_by_area_coverage_and_what_is_not_ignored() {
     let image = |width, height, rgba: &[[u8; 4]]| ViewImage { width, height, rgba: rgba.to_vec() };

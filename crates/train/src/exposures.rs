@@ -50,7 +50,9 @@ impl FirstExposures {
         }
         if [saved[0].len() / 12, saved[1].len() / 24] != [photos; 2] {
             let what = format!("has exposures of {} photos, but the data set has {photos}", saved[0].len() / 12);
-            return Err(IoError::new(path, what));
+            return Err(
+                IoError::new(path, what).advise("restore the photos that it was trained with, or start a new run")
+            );
         }
         Ok(Self::Saved(saved))
     }

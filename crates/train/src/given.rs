@@ -45,7 +45,7 @@ pub fn plain_cloud_of(
     config: &TrainConfig,
 ) -> Result<(Gaussians, Vec<String>), IoError> {
     refuse_instances(name, scene)?;
-    cloud_of(name, scene, config)
+    cloud_of(name, scene, false, config)
 }
 
 fn refuse_instances(path: &Path, scene: &InstancedScene) -> Result<(), IoError> {
@@ -59,17 +59,31 @@ fn refuse_instances(path: &Path, scene: &InstancedScene) -> Result<(), IoError> 
 
 fn of_scene(path: &Path, loaded: LoadedScene, config: &TrainConfig) -> Result<GivenCloud, IoError> {
     let of_file = loaded.warnings().into_iter().map(|what| format!("{}: {what}", path.display()));
-    let (cloud, of_cloud) = cloud_of(path, &loaded.scene, config)?;
+    let tells = TELL_COMPENSATION.contains(&loaded.format.as_str());
+    let (cloud, of_cloud) = cloud_of(path, &loaded.scene, tells, config)?;
     Ok(GivenCloud { cloud, file_bytes: loaded.file_bytes, warnings: of_file.chain(of_cloud).collect() })
 }
 
-/// All Gaussians of a scene with the configuration's SH degree, and warnings.
-fn cloud_of(path: &Path, scene: &InstancedScene, config: &TrainConfig) -> Result<(Gaussians, Vec<String>), IoError> {
+/// Formats whose files say that opacities are not compensated; others leave that open.
+const TELL_COMPENSATION: [&str; 3] = ["instgs", "spz", "sog"];
+
+/// All Gaussians of a scene with the configuration's SH degree, and warnings. `tells_compensation` is false if its opacities may
+/// be compensated although it does not say so.
+fn cloud_of(
+    path: &Path,
+    scene: &InstancedScene,
+    tells_compensation: bool,
+    config: &TrainConfig,
+) -> Result<(Gaussians, Vec<String>), IoError> {
     let mut warnings = Vec::new();
     let mut warn = |what: String| warnings.push(format!("{}: {what}", path.display()));
     let (trained, now) = (scene.pixel_filter, config.pixel_filter());
-    if trained.antialias && !now.antialias {
-        warn("was trained with opacity compensation, which is off; see --set antialias=true".into());
+    match (trained.antialias, now.antialias) {
+        (true, false) => warn("was trained with opacity compensation, which is off; see --set antialias=true".into()),
+        (false, true) if tells_compensation => {
+            warn("was trained without opacity compensation, which is on; see --set antialias=false".into());
+        }
+        _ => {}
     }
     if trained.dilation_px2 != now.dilation_px2 {
         let (before, now) = (trained.dilation_px2, now.dilation_px2);
@@ -81,8 +95,48 @@ fn cloud_of(path: &Path, scene: &InstancedScene, config: &TrainConfig) -> Result
     }
     let mut cloud = scene.flatten();
     if cloud.is_empty() {
-        return Err(IoError::new(path, "has no Gaussians to start from"));
+        let error = IoError::new(path, "has no Gaussians to start from");
+        return Err(error.advise("give a trained scene, or leave it out to start from points"));
     }
     cloud.set_sh_degree(config.sh_degree);
     Ok((cloud, warnings))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::ConfigBuilder;
+    use instgs_io::{save_scene, write_ply};
+
+    /// Only where the file says so: a .ply without a comment may be of a program that writes none.
+    #[test]
+    fn both_ways_of_compensation_are_told_apart() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let cloud = Gaussians {
+            sh_degree: 0,
+            means: vec![[0.0; 3]],
+            quats: vec![[1.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[-3.0; 3]],
+            opacity_logits: vec![0.5],
+            sh: vec![[0.1; 3]],
+        };
+        let mut scene = InstancedScene::from_cloud(cloud.clone());
+        for trained in [false, true] {
+            scene.pixel_filter.antialias = trained;
+            let (own, ply) = (folder.path().join("a.instgs"), folder.path().join("a.ply"));
+            save_scene(&own, &scene)?;
+            write_ply(&ply, &cloud, scene.pixel_filter)?;
+            for now in [false, true] {
+                let config = ConfigBuilder::new().set(&format!("antialias={now}"))?.finish()?;
+                let advice = format!("see --set antialias={trained}");
+                let told = |path: &Path| {
+                    let warnings = given_cloud(path, &config)?.warnings;
+                    Ok::<_, IoError>(warnings.iter().filter(|text| text.contains(&advice)).count())
+                };
+                let differs = trained != now;
+                assert_eq!((told(&own)?, told(&ply)?), (usize::from(differs), usize::from(differs && trained)));
+            }
+        }
+        Ok(())
+    }
 }

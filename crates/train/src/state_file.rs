@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use instgs_io::IoError;
-use instgs_io::checkpoint::Checkpoint;
+use instgs_io::checkpoint::{Checkpoint, OF_NO_USE};
 use instgs_vk::gpu::interface::constants::NO_OFFSET;
 use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::gpu::{Buffer, Gpu};
@@ -117,7 +117,8 @@ pub fn densification_is_due(checkpoint: &Checkpoint) -> bool {
 /// The checkpoint does not contain its SH degree.
 pub fn size_of_cloud(checkpoint: &Checkpoint, path: &Path) -> Result<(u32, usize), IoError> {
     let degree = checkpoint.metadata.get(SH_DEGREE).and_then(|text| text.parse().ok()).filter(|d| *d <= 3);
-    let degree: u32 = degree.ok_or_else(|| IoError::new(path, "has no sh_degree from 0 to 3"))?;
+    let missing = || IoError::new(path, "has no sh_degree from 0 to 3").advise(OF_NO_USE);
+    let degree: u32 = degree.ok_or_else(missing)?;
     Ok((degree, checkpoint.tensors.get("parameter.opacity_logits").map_or(0, |t| t.values.len())))
 }
 
@@ -145,7 +146,7 @@ pub fn from_checkpoint(
 fn layout_of(checkpoint: &mut Checkpoint, start: &SourceLayout, path: &Path) -> Result<SourceLayout, IoError> {
     let values = |name: &str| checkpoint.tensors.get(name).map_or(0, |t| t.values.len());
     let (sources, offsets) = (values("parameter.opacity_logits"), values("parameter.offset_means") / 3);
-    let fail = |name: &str| Err(IoError::new(path, format!("{name} does not fit the scene")));
+    let fail = |name: &str| Err(IoError::new(path, format!("{name} does not fit the scene")).advise(OF_NO_USE));
     if start.instances.is_empty() {
         let Some(background) = sources.checked_sub(start.posed().len) else { return fail("opacity_logits") };
         return Ok(SourceLayout { background: CloudSize { len: background, ..start.background }, ..start.clone() });
@@ -230,7 +231,7 @@ pub fn restore(
         let values: Vec<f32> = checkpoint.take(&name, &[width], path)?;
         if values.len() != count * width {
             let what = format!("tensor {name} has {} numbers, not {count} times {width}", values.len());
-            return Err(IoError::new(path, what).into());
+            return Err(IoError::new(path, what).advise(OF_NO_USE).into());
         }
         write(gpu, buffer, &values)?;
     }
@@ -239,7 +240,7 @@ pub fn restore(
         let values: Vec<f32> = checkpoint.take(POSES, &[POSE_NUMBERS], path)?;
         if values.len() != posed * POSE_NUMBERS {
             let what = format!("tensor {POSES} has {} numbers, not {posed} times {POSE_NUMBERS}", values.len());
-            return Err(IoError::new(path, what).into());
+            return Err(IoError::new(path, what).advise(OF_NO_USE).into());
         }
         // The entry of the background is included and does not change.
         let mut instances = download(gpu, &state.scene.instances, state.scene.instance_count as usize)?;

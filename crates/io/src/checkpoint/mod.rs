@@ -215,16 +215,16 @@ impl Checkpoint {
     }
 }
 
-/// What to do with a checkpoint that is of no use.
-const EARLIER: &str = "remove it, and the run computes anew what it held";
+/// Advice about a checkpoint that is of no use.
+pub const OF_NO_USE: &str = "remove it, and the run computes anew what it held";
 
 /// Parses the bytes of a checkpoint; `path` is only used in messages.
 ///
 /// # Errors
 /// The same as [`Checkpoint::read`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Checkpoint, IoError> {
-    let damaged = |what: &str| IoError::new(path, format!("is damaged: {what}")).advise(EARLIER);
-    let malformed = |e| IoError::new(path, format!("is not a whole checkpoint: {e}")).advise(EARLIER);
+    let damaged = |what: &str| IoError::new(path, format!("is damaged: {what}")).advise(OF_NO_USE);
+    let malformed = |e| IoError::new(path, format!("is not a whole checkpoint: {e}")).advise(OF_NO_USE);
     let (length, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
     let tensors = SafeTensors::deserialize(bytes).map_err(malformed)?;
     let mut metadata: BTreeMap<String, String> =

@@ -68,7 +68,7 @@ pub fn parse_glb(bytes: &[u8], path: &Path) -> Result<GlbScene, IoError> {
         let error = IoError::new(path, format!("has no placed mesh with {SPLATS}"));
         return Err(error.advise("this is a scene of triangles or points, not of Gaussians"));
     }
-    let values = Values { document: &document, binary, path };
+    let values = Values { document: &document, binary, path, scales_are_logs: false };
     let scene = scene_of(&parts, &values, &mut notes)?;
     Ok(GlbScene { scene, notes })
 }

@@ -73,6 +73,11 @@ pub(super) fn scene_of(
     notes: &mut Vec<String>,
 ) -> Result<InstancedScene, IoError> {
     check_count(parts, values)?;
+    let scales_are_logs = values.has_negative_scale(parts.iter().map(|part| &part.attributes))?;
+    if scales_are_logs {
+        notes.push("has negative scales: all are read as logarithms, as in drafts of the extension".into());
+    }
+    let values = &Values { scales_are_logs, ..*values };
     let placements: Vec<Placement> = parts.iter().map(|part| Placement::of(part.scene_from_part)).collect();
     let lost = placements.iter().filter(|placement| matches!(placement, Placement::Lost)).count();
     if lost > 0 {

@@ -187,6 +187,38 @@ fn packed_attributes_and_nodes_of_other_programs_are_read() -> Outcome {
     Ok(())
 }
 
+/// One negative scale in any mesh tells how those of all are written.
+#[test]
+fn negative_scales_are_logarithms_in_all_of_the_file() -> Outcome {
+    let two = foreign_json(r#"{"children":[1,2]},{"mesh":0},{"mesh":1}"#);
+    // A second mesh, whose scales are the same bytes as numbers with a sign.
+    let second = two.replacen("\"meshes\":[{", "\"meshes\":[{\"primitives\":[]},{", 1);
+    let begin = second.find("{\"primitives\":[{").ok_or("no mesh")?;
+    let end = second.find("],\n        \"accessors\"").ok_or("no accessors")?;
+    let mesh = &second[begin..end];
+    let signed = r#"{"bufferView":0,"byteOffset":20,"componentType":5120,"count":2,"type":"VEC3"}"#;
+    let json = second.replacen("{\"primitives\":[]}", &mesh.replace("SCALE\":2", "SCALE\":5"), 1).replacen(
+        "],\n        \"bufferViews\"",
+        &format!(",{signed}],\n        \"bufferViews\""),
+        1,
+    );
+    let read = |first: u8| {
+        let mut binary = foreign_binary();
+        binary[20] = first;
+        parse_glb(&container(&json, &binary), path())
+    };
+    let plain = read(1)?;
+    assert!(plain.notes.is_empty(), "{:?}", plain.notes);
+    assert_near(&plain.scene.background.log_scales[0], &[1.0, 2.0, 4.0].map(f32::ln), "scales");
+    let logs = read(0xFF)?;
+    assert!(logs.notes.len() == 1 && logs.notes[0].contains("logarithms"), "{:?}", logs.notes);
+    assert_eq!(
+        logs.scene.background.log_scales,
+        [[-1.0, 2.0, 4.0], [3.0, 1.0, 2.0], [255.0, 2.0, 4.0], [3.0, 1.0, 2.0]]
+    );
+    Ok(())
+}
+
 #[test]
 fn the_same_mesh_twice_is_a_template() -> Outcome {
     let GlbScene { scene, .. } = foreign(r#"{"children":[1,2]},{"mesh":0},{"mesh":0,"translation":[5,0,0]}"#)?;

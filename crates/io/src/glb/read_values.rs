@@ -1,5 +1,6 @@
 //! Values of accessors of a glTF file.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::document::SPLATS;
@@ -119,6 +120,8 @@ pub(super) struct Values<'a> {
     pub(super) document: &'a Document,
     pub(super) binary: &'a [u8],
     pub(super) path: &'a Path,
+    /// Whether scales are logarithms; see [`Values::has_negative_scale`].
+    pub(super) scales_are_logs: bool,
 }
 
 impl Values<'_> {
@@ -153,8 +156,29 @@ impl Values<'_> {
         })
     }
 
+    /// True if any of these meshes has a finite scale below 0. No length is, so the scales of the whole file are then
+    /// logarithms, as in drafts of the extension. Meshes of several lengths, which [`Values::cloud`] refuses, are not looked at.
+    ///
+    /// # Errors
+    /// An accessor does not fit the file.
+    pub(super) fn has_negative_scale<'m>(&self, meshes: impl Iterator<Item = &'m Attributes>) -> Result<bool, IoError> {
+        let accessors: BTreeSet<(usize, usize)> = meshes.map(|mesh| (mesh.scale, mesh.position)).collect();
+        let is_negative = |scale: [f32; 3]| scale.iter().any(|s| s.is_finite() && *s < 0.0);
+        for (scale, position) in accessors {
+            if self.count(scale)? == self.count(position)? && self.elements::<3>(scale)?.any(is_negative) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
     /// The elements of an accessor of `N` components.
     fn read<const N: usize>(&self, index: usize) -> Result<Vec<[f32; N]>, IoError> {
+        Ok(self.elements(index)?.collect())
+    }
+
+    /// The same, one after the other.
+    fn elements<const N: usize>(&self, index: usize) -> Result<impl ExactSizeIterator<Item = [f32; N]>, IoError> {
         let accessor = self.accessor(index)?;
         let fail = |what: String| self.fail(index, what);
         let want = ["SCALAR", "VEC2", "VEC3", "VEC4"].get(N - 1).copied().unwrap_or_default();
@@ -178,7 +202,7 @@ impl Values<'_> {
         }
         let scale = if accessor.normalized { component.most() } else { 1.0 };
         let least = if accessor.normalized { -1.0 } else { f64::NEG_INFINITY };
-        let element = |i: usize| {
+        let element = move |i: usize| {
             let element = bytes.get(accessor.byte_offset + i * stride..).unwrap_or_default();
             std::array::from_fn(|k| {
                 let value = component.value(element.get(k * component.bytes()..).unwrap_or_default());
@@ -187,7 +211,7 @@ impl Values<'_> {
                 if value < least { least as f32 } else { value as f32 }
             })
         };
-        Ok((0..accessor.count).map(element).collect())
+        Ok((0..accessor.count).map(element))
     }
 
     /// The cloud of a mesh in its own frame.
@@ -210,6 +234,7 @@ impl Values<'_> {
         for &index in &attributes.sh_rest {
             coefficients.push(self.read::<3>(checked(index)?)?);
         }
+        let log_scale = if self.scales_are_logs { finite_log } else { log_of };
         let sh = (0..count).flat_map(|i| coefficients.iter().filter_map(move |values| values.get(i).copied()));
         Ok(Gaussians {
             sh_degree: attributes.sh_degree(),
@@ -223,8 +248,13 @@ impl Values<'_> {
 }
 
 /// The logarithm of a linear scale. NaN stays NaN: the loader drops and counts such Gaussians.
-fn log_scale(scale: f32) -> f32 {
+fn log_of(scale: f32) -> f32 {
     if scale < f32::MIN_POSITIVE { LEAST_LOG_SCALE } else { f64::from(scale).ln() as f32 }
+}
+
+/// A scale that is a logarithm already; that of 0 becomes the least one.
+fn finite_log(log_scale: f32) -> f32 {
+    if log_scale == f32::NEG_INFINITY { LEAST_LOG_SCALE } else { log_scale }
 }
 
 /// The logit of an opacity, which is finite for 0 and 1 too. NaN stays NaN.

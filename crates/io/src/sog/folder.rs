@@ -5,10 +5,11 @@
 
 use std::borrow::Cow;
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use super::read::is_own;
 use super::write_sog;
-use crate::{IoError, Place, write_groups};
+use crate::{IoError, Place, read_groups, write_groups};
 use instgs_vk::scene::{Gaussians, InstancedScene, PosedGroup, PosedInstance};
 
 /// The file that places the instances.
@@ -18,8 +19,9 @@ const BACKGROUND: &str = "background.sog";
 const TEMPLATE: &str = "template_";
 const ENDING: &str = ".sog";
 
-/// Writes the folder, which is made if it does not exist; files of these names in it are replaced. Returns the number of
-/// Gaussians in its files.
+/// Writes the folder, which is made if it does not exist; files of these names in it are replaced. What an earlier scene
+/// left there is removed: files that its `scene_graph.json` names, and its background, if this program wrote them. Returns
+/// the number of Gaussians in the files.
 ///
 /// # Errors
 /// A template with instances that is empty, a value that is not finite, more than 65,535 instances, or a file that cannot be
@@ -35,7 +37,7 @@ pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<u64, Io
         .iter()
         .map(|group| {
             let range = scene.template_ranges[group.template_id as usize];
-            (format!("{TEMPLATE}{}{ENDING}", group.template_id), Cow::Owned(scene.templates.range(range)))
+            (template_file(group), Cow::Owned(scene.templates.range(range)))
         })
         .collect();
     if !scene.background.is_empty() {
@@ -44,23 +46,28 @@ pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<u64, Io
     for (name, cloud) in &clouds {
         write_sog(&folder.join(name), cloud, antialias)?;
     }
+    // Found before the file that names them is replaced.
+    let stale = stale_files(folder, &clouds.iter().map(|(name, _)| name.as_str()).collect());
     write_groups(&folder.join(SCENE_GRAPH), &groups)?;
-    remove_stale(folder, &clouds.iter().map(|(name, _)| name.as_str()).collect())?;
+    for file in stale {
+        std::fs::remove_file(&file).map_err(|e| IoError::os(&file, "cannot be removed", &e))?;
+    }
     Ok(clouds.iter().map(|(_, cloud)| cloud.len() as u64).sum())
 }
 
-/// Removes what an earlier scene left in the folder and `kept` does not name.
-fn remove_stale(folder: &Path, kept: &HashSet<&str>) -> Result<(), IoError> {
-    let listed = std::fs::read_dir(folder).map_err(|e| IoError::os(folder, "cannot be listed", &e))?;
-    for file in listed.flatten() {
-        let name = file.file_name().to_string_lossy().into_owned();
-        let number = name.strip_prefix(TEMPLATE).and_then(|rest| rest.strip_suffix(ENDING));
-        let is_ours = name == BACKGROUND || number.is_some_and(|number| number.parse::<u32>().is_ok());
-        if is_ours && !kept.contains(name.as_str()) {
-            std::fs::remove_file(file.path()).map_err(|e| IoError::os(&file.path(), "cannot be removed", &e))?;
-        }
-    }
-    Ok(())
+/// Name of the file of a group's template.
+fn template_file(group: &PosedGroup) -> String {
+    format!("{TEMPLATE}{}{ENDING}", group.template_id)
+}
+
+/// The files that an earlier scene left in the folder and `kept` does not name. Other programs may use the same names: only
+/// files beside a scene graph count, of templates those that it names, and only if this program wrote them.
+fn stale_files(folder: &Path, kept: &HashSet<&str>) -> Vec<PathBuf> {
+    // Where it is missing or of another program, nothing is known to be ours.
+    let Ok(earlier) = read_groups(&folder.join(SCENE_GRAPH)) else { return Vec::new() };
+    let names = earlier.iter().map(template_file).chain([BACKGROUND.to_owned()]);
+    let stale = names.filter(|name| !kept.contains(name.as_str())).map(|name| folder.join(name));
+    stale.filter(|file| is_own(file)).collect()
 }
 
 /// The instances of each template that has any. Their ids are those of the masks, if all have one and no two the same; otherwise
@@ -115,7 +122,9 @@ mod tests {
             placed[template] = places.len();
         }
         assert_eq!((placed.iter().sum::<usize>(), written), (scene.instances.len(), gaussians as u64));
-        // Another scene in the same folder leaves nothing of this one.
+        // Another scene in the same folder leaves nothing of this one, and takes nothing of other programs.
+        let foreign = |name: &str| std::fs::write(folder.join(name), b"of another program");
+        foreign("template_77.sog").map_err(|e| IoError::os(&folder, "cannot write", &e))?;
         let last = groups[groups.len() - 1].template_id;
         scene = InstancedScene { background: Gaussians::default(), groups: Vec::new(), ..scene };
         scene.instances.iter_mut().for_each(|instance| (instance.template, instance.first_offset) = (0, None));
@@ -123,6 +132,15 @@ mod tests {
         write_sog_folder(&folder, &scene)?;
         let is_there = |name: &str| folder.join(name).exists();
         assert!(is_there("template_0.sog") && !is_there(&format!("template_{last}.sog")) && !is_there(BACKGROUND));
+        assert!(is_there("template_77.sog"));
+        foreign(BACKGROUND).map_err(|e| IoError::os(&folder, "cannot write", &e))?;
+        write_sog_folder(&folder, &scene)?;
+        assert!(is_there(BACKGROUND));
+        // Nor where nothing was exported before.
+        write_sog(&folder.join(BACKGROUND), &scene.templates, false)?;
+        std::fs::remove_file(folder.join(SCENE_GRAPH)).map_err(|e| IoError::os(&folder, "cannot be removed", &e))?;
+        write_sog_folder(&folder, &scene)?;
+        assert!(is_there(BACKGROUND));
         Ok(())
     }
 }

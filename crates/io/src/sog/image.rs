@@ -1,11 +1,17 @@
-//! Lossless WebP images of 8-bit values.
+//! Lossless images of 8-bit values: WebP, which is written, or PNG, which some programs write.
 
 use std::io::Cursor;
 use std::path::Path;
 
 use image_webp::{ColorType, EncoderParams, WebPDecoder, WebPEncoder};
+use png::{BitDepth, Transformations};
 
 use crate::error::{IoError, Place};
+
+/// How PNG files begin.
+const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// What to do about an image that is of another kind.
+const CONVERT: &str = "write the file anew with lossless WebP images, as splat-transform does";
 
 /// Largest side of a WebP image, pixels.
 pub(super) const MAX_SIDE: usize = 16_383;
@@ -47,22 +53,29 @@ impl Image {
         pixel.zip(value).for_each(|(to, from)| *to = from);
     }
 
-    /// Decodes a lossless WebP image of at most that many pixels; `name` and `path` are only used in messages.
+    /// Decodes a lossless WebP image, or a PNG of 8 bits, of at most that many pixels; `name` and `path` are only used in
+    /// messages.
     ///
     /// # Errors
     /// The image is damaged, larger, lossy, or of another format.
     pub(super) fn decode(bytes: &[u8], most_pixels: u64, name: &str, path: &Path) -> Result<Self, IoError> {
-        let fail = |what: String| IoError::new(path, what).at(Place::Field(name.to_owned()));
+        let fail = |what: String| IoError::damaged(path, what).at(Place::Field(name.to_owned()));
+        let check = |width: u32, height: u32| {
+            let pixels = u64::from(width) * u64::from(height);
+            let fits = pixels > 0 && width.max(height) as usize <= MAX_SIDE && pixels <= most_pixels;
+            let what = || format!("claims {width}x{height} pixels, where at most {most_pixels} can be meant");
+            fits.then_some(()).ok_or_else(|| fail(what()))
+        };
+        if bytes.starts_with(PNG) {
+            return decode_png(bytes, &fail, &check);
+        }
         let broken = |e: image_webp::DecodingError| fail(format!("is no WebP image, or damaged: {e}"));
         let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(broken)?;
         if decoder.is_lossy() || decoder.is_animated() {
-            return Err(fail("is not a lossless WebP image: its values are lost".into()));
+            return Err(fail("is not a lossless WebP image: its values are lost".into()).advise(CONVERT));
         }
         let (width, height) = decoder.dimensions();
-        let pixels = u64::from(width) * u64::from(height);
-        if pixels == 0 || width.max(height) as usize > MAX_SIDE || pixels > most_pixels {
-            return Err(fail(format!("claims {width}x{height} pixels, more than the file can hold")));
-        }
+        check(width, height)?;
         let size = decoder.output_buffer_size().ok_or_else(|| fail(format!("claims {width}x{height} pixels")))?;
         let channels = if decoder.has_alpha() { 4 } else { 3 };
         let mut values = vec![0; size];
@@ -86,6 +99,33 @@ impl Image {
         written.map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
         Ok(out)
     }
+}
+
+/// Decodes a PNG of 8 bits whose size passes `check`; `fail` makes the errors.
+fn decode_png(
+    bytes: &[u8],
+    fail: &dyn Fn(String) -> IoError,
+    check: &dyn Fn(u32, u32) -> Result<(), IoError>,
+) -> Result<Image, IoError> {
+    let broken = |e: png::DecodingError| fail(format!("is a damaged PNG: {e}"));
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    // Colours of a palette become red, green and blue.
+    decoder.set_transformations(Transformations::EXPAND);
+    let mut reader = decoder.read_info().map_err(broken)?;
+    let (width, height) = reader.info().size();
+    check(width, height)?;
+    let (color, depth) = reader.output_color_type();
+    let channels = color.samples();
+    if depth != BitDepth::Eight || channels < 3 {
+        let what = format!("is a PNG of {color:?} in {} bits, where colours in 8 bits are meant", depth as u8);
+        return Err(fail(what).advise(CONVERT));
+    }
+    let size = reader.output_buffer_size().ok_or_else(|| fail(format!("claims {width}x{height} pixels")))?;
+    let mut values = vec![0; size];
+    reader.next_frame(&mut values).map_err(broken)?;
+    // The image may be complete and the file truncated: the end marker is required too.
+    reader.finish().map_err(broken)?;
+    Ok(Image { width: width as usize, height: height as usize, channels, values })
 }
 
 fn with_prediction(mut params: EncoderParams, predict: bool) -> EncoderParams {
@@ -129,7 +169,36 @@ mod tests {
         for end in 0..bytes.len() - 16 {
             assert!(decoded(&bytes[..end], 256).is_err(), "cut to {end}");
         }
-        assert!(decoded(b"\x89PNG\r\n\x1a\n", 256).is_err_and(|e| e.to_string().contains("is no WebP image")));
+        assert!(decoded(b"GIF89a", 256).is_err_and(|e| e.to_string().contains("is no WebP image")));
+        assert!(decoded(PNG, 256).is_err_and(|e| e.to_string().contains("a.webp: is a damaged PNG")));
+        Ok(())
+    }
+
+    #[test]
+    fn png_of_8_bits_is_read() -> Result<(), Box<dyn std::error::Error>> {
+        let png = |color: png::ColorType, depth: BitDepth, values: &[u8]| -> Result<_, png::EncodingError> {
+            let mut out = Vec::new();
+            let mut encoder = png::Encoder::new(&mut out, 2, 1);
+            encoder.set_color(color);
+            encoder.set_depth(depth);
+            let mut writer = encoder.write_header()?;
+            writer.write_image_data(values)?;
+            writer.finish()?;
+            Ok(out)
+        };
+        let plain = png(png::ColorType::Rgb, BitDepth::Eight, &[1, 2, 3, 4, 5, 6])?;
+        let image = decoded(&plain, 2)?;
+        assert_eq!((image.width, image.height, image.pixel(0), image.pixel(1)), (2, 1, [1, 2, 3, 255], [4, 5, 6, 255]));
+        let image = decoded(&png(png::ColorType::Rgba, BitDepth::Eight, &[1, 2, 3, 0, 4, 5, 6, 252])?, 2)?;
+        assert_eq!((image.pixel(0), image.pixel(1)), ([1, 2, 3, 0], [4, 5, 6, 252]));
+        assert!(decoded(&plain, 1).is_err_and(|e| e.to_string().contains("a.webp: claims 2x1")));
+        assert!((0..plain.len()).all(|end| decoded(&plain[..end], 2).is_err()));
+        for (color, depth, values) in
+            [(png::ColorType::Rgb, BitDepth::Sixteen, 12), (png::ColorType::Grayscale, BitDepth::Eight, 2)]
+        {
+            let text = decoded(&png(color, depth, &vec![0; values])?, 2).err().map(|e| e.to_string());
+            assert!(text.is_some_and(|text| text.contains("in 8 bits are meant; write the file anew")), "{color:?}");
+        }
         Ok(())
     }
 }

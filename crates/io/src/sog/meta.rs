@@ -12,6 +12,8 @@ pub(super) const META: &str = "meta.json";
 const VERSION: u64 = 2;
 /// Most entries of a codebook: indices are bytes.
 pub(super) const CODEBOOK_LEN: usize = 256;
+/// First word of the generator of files of this program.
+const GENERATOR: &str = "instgs-vk";
 /// Name of the splat model that compensates opacities, in files of splat-transform from 3.2 on.
 const ANTIALIASED: &str = "antialiased";
 
@@ -122,7 +124,7 @@ impl Meta {
     pub(super) fn new(count: u32, antialias: bool, means: Means, scales: Coded, quats: Plain, sh0: Coded) -> Self {
         Self {
             version: VERSION as u32,
-            asset: Asset { generator: concat!("instgs-vk ", env!("CARGO_PKG_VERSION")).to_owned() },
+            asset: Asset { generator: format!("{GENERATOR} {}", env!("CARGO_PKG_VERSION")) },
             count,
             antialias,
             model: antialias.then(|| ANTIALIASED.to_owned()),
@@ -158,6 +160,11 @@ impl Meta {
     /// Whether opacities are compensated for small Gaussians.
     pub(super) fn is_compensated(&self) -> bool {
         self.antialias || self.model.as_deref() == Some(ANTIALIASED)
+    }
+
+    /// Whether this program wrote the file.
+    pub(super) fn is_own(&self) -> bool {
+        self.asset.generator.split(' ').next() == Some(GENERATOR)
     }
 
     /// All images that the file names.

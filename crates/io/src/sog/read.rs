@@ -15,6 +15,11 @@ use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// Most pixels per byte of the file: positions alone take bits in every pixel of a real one.
 const MAX_PIXELS_PER_BYTE: u64 = 64;
+/// Most pixels per Gaussian, and beyond that: images are little larger than what they hold, but sides may be powers of two.
+const MAX_PIXELS_PER_GAUSSIAN: u64 = 4;
+const MAX_SPARE_PIXELS: u64 = 1 << 14;
+/// Entries that labels of 16 bits can name.
+const MAX_ENTRIES: u64 = 1 << 16;
 /// Entries in a row of the palette's image.
 pub(super) const ENTRIES_PER_ROW: usize = 64;
 /// Alpha of a rotation whose largest component is w.
@@ -55,6 +60,15 @@ pub fn parse_sog(bytes: &[u8], path: &Path) -> Result<SogCloud, IoError> {
     let archive = Archive::parse(bytes, path)?;
     let meta = Meta::parse(&archive.file(META)?, path)?;
     Reader { meta: &meta, file: &|name| archive.file(name), file_bytes: bytes.len() as u64, path }.cloud()
+}
+
+/// True for a packed file that this program wrote.
+pub(super) fn is_own(path: &Path) -> bool {
+    let meta = || {
+        let bytes = read_bytes(path)?;
+        Meta::parse(&Archive::parse(&bytes, path)?.file(META)?, path)
+    };
+    meta().is_ok_and(|meta| meta.is_own())
 }
 
 /// Returns the contents of a file by its name.
@@ -112,6 +126,13 @@ impl Reader<'_, '_> {
         IoError::new(self.path, what).at(Place::Field(field.to_owned()))
     }
 
+    /// Decodes an image that needs so many pixels.
+    fn decoded(&self, name: &str, needed: u64) -> Result<Image, IoError> {
+        // Few bytes can claim far more pixels than the Gaussians need.
+        let most = self.most_pixels().min(MAX_PIXELS_PER_GAUSSIAN * needed + MAX_SPARE_PIXELS);
+        Image::decode(&(self.file)(name)?, most, name, self.path)
+    }
+
     fn most_pixels(&self) -> u64 {
         self.file_bytes.saturating_mul(MAX_PIXELS_PER_BYTE)
     }
@@ -125,7 +146,7 @@ impl Reader<'_, '_> {
 
     /// An image with a pixel for every Gaussian.
     fn image(&self, name: &str) -> Result<Image, IoError> {
-        let image = Image::decode(&(self.file)(name)?, self.most_pixels(), name, self.path)?;
+        let image = self.decoded(name, self.meta.count.into())?;
         if image.pixels() < self.meta.count as usize {
             let (width, height, count) = (image.width, image.height, self.meta.count);
             return Err(self.fail(format!("has {width}x{height} pixels, fewer than {count} Gaussians"), name));
@@ -182,7 +203,7 @@ impl Reader<'_, '_> {
     fn rest(&self, palette: &Palette) -> Result<Rest, IoError> {
         let [entries, labels] = &palette.files;
         let per_entry = sh_coefficients(palette.bands) - 1;
-        let image = Image::decode(&(self.file)(entries)?, self.most_pixels(), entries, self.path)?;
+        let image = self.decoded(entries, MAX_ENTRIES * per_entry as u64)?;
         if image.width != ENTRIES_PER_ROW * per_entry {
             let what = format!("is {} pixels wide, not {}", image.width, ENTRIES_PER_ROW * per_entry);
             return Err(self.fail(what, entries));

@@ -176,6 +176,11 @@ fn errors_name_what_is_wrong() -> Outcome {
     }
     let other = changed(&bytes, "quats.webp", |file| *file = b"no image".to_vec())?;
     assert!(error(&other).contains("x.sog: quats.webp: is no WebP image"), "{}", error(&other));
+    // More pixels than twenty Gaussians need, in a file that could hold them.
+    let large = super::image::Image::zeros(129, 128, true).encode(path())?;
+    let padded = changed(&bytes, META, |meta| meta.extend([b' '; 4096]))?;
+    let large = changed(&padded, "quats.webp", |file| file.clone_from(&large))?;
+    assert!(error(&large).contains("quats.webp: claims 129x128 pixels, where at most 16464"), "{}", error(&large));
     Ok(())
 }
 

@@ -15,6 +15,9 @@ use instgs_vk::scene::gaussians::MAX_SH_DEGREE;
 /// Longest value that an error repeats, characters.
 const VALUE_SHOWN: usize = 60;
 
+/// The key of the method, which has defaults of its own.
+const METHOD: &str = "method";
+
 /// A configuration that [`Layers`] can put together.
 pub trait Configuration: Sized {
     /// Every key, in the order in which a file is written.
@@ -58,10 +61,15 @@ const OLDER_RUNS: &str = "
 decay_steps = 0
 [densify]
 growth = \"clone_or_split\"
+recycle = 0.0
 [offsets]
 sh_every = 1
 [joint]
+decay_start = 0.0
 decay_steps = 0
+grow_fraction = 0.0
+own_share = 0.0
+color_matrix_rate = 0.0
 ";
 
 /// Puts a configuration together; each layer overrides those before it. An error names the layer that caused it.
@@ -92,13 +100,16 @@ impl<C: Configuration> Layers<C> {
         Self { keys: C::keys(), values: BTreeMap::new(), result: PhantomData }
     }
 
-    /// Adds the layer of `--config`: the name of a preset, or else the path of a TOML file.
+    /// Adds the layer of `--config`: the name of a preset, or else the path of a TOML file. The name of the defaults takes
+    /// back what the layers below say of their keys, but for the method: it has the defaults of that method.
     ///
     /// # Errors
     /// The file does not exist or is not TOML, or it has an unknown key or a value that its key does not accept.
-    pub fn file(self, name_or_path: &str) -> Result<Self, ConfigError> {
-        if C::defaults().first().is_some_and(|(name, _)| *name == name_or_path) {
-            // It is below all layers anyway; here it would hide the defaults of a method.
+    pub fn file(mut self, name_or_path: &str) -> Result<Self, ConfigError> {
+        if let Some((name, text)) = C::defaults().first().filter(|(name, _)| *name == name_or_path) {
+            // They are below all layers anyway; added here they would hide the defaults of a method.
+            let defaults = Self::new().text(text, &format!("preset {name}"))?;
+            self.values.retain(|key, _| *key == METHOD || !defaults.values.contains_key(key));
             return Ok(self);
         }
         if let Some((name, text)) = C::presets().iter().find(|(name, _)| *name == name_or_path) {
@@ -169,7 +180,7 @@ impl<C: Configuration> Layers<C> {
     /// Values that do not go together.
     pub fn finish(self) -> Result<C, ConfigError> {
         let mut all = Self::new();
-        let method = self.values.get("method").and_then(|(value, _)| value.as_str());
+        let method = self.values.get(METHOD).and_then(|(value, _)| value.as_str());
         for (name, defaults) in C::defaults() {
             let layer = Self::new().text(defaults, &format!("preset {name}"))?;
             let replaces = C::replaces_defaults(name, method);

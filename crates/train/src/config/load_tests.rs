@@ -36,7 +36,13 @@ fn runs_of_older_versions_go_on_as_they_began() -> Test {
     let older = ConfigBuilder::new().run_file(&path)?;
     let resumed = older.clone().finish()?;
     assert_eq!((resumed.densify.growth, resumed.rates.decay_steps), (Growth::CloneOrSplit, 0));
-    assert_eq!(resumed.joint.decay_steps, 0);
+    assert_eq!((resumed.joint.decay_steps, resumed.joint.decay_start), (0, 0.0));
+    // The joint phase did not grow, and instances had nothing but offsets.
+    assert_eq!(
+        (resumed.joint.grow_fraction, resumed.joint.own_share, resumed.joint.color_matrix_rate),
+        (0.0, 0.0, 0.0)
+    );
+    assert_eq!(resumed.densify.recycle, 0.0);
     assert_eq!(resumed.rates.final_factor, 0.5);
     assert_eq!(older.set("densify.growth=halves")?.finish()?.densify.growth, Growth::Halves);
     for (before, degree) in [("true", 3), ("false", 0)] {
@@ -45,6 +51,19 @@ fn runs_of_older_versions_go_on_as_they_began() -> Test {
     }
     std::fs::write(&path, TrainConfig::default().to_toml()?)?;
     assert_eq!(ConfigBuilder::new().run_file(&path)?.finish()?, TrainConfig::default());
+    Ok(())
+}
+
+/// Above other layers, as where a run goes on with `--config default`.
+#[test]
+fn the_defaults_take_back_what_is_below_them() -> Test {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("config.toml");
+    std::fs::write(&path, "method = \"instgs\"\nsteps = 10\n[joint]\nsteps = 20\n")?;
+    let resumed = ConfigBuilder::new().run_file(&path)?.file("default")?.set("seed=5")?.finish()?;
+    let fresh = ConfigBuilder::new().set("method=instgs")?.set("seed=5")?.finish()?;
+    assert_eq!(resumed, fresh);
+    assert_eq!(ConfigBuilder::new().file("quick")?.file("default")?.finish()?, TrainConfig::default());
     Ok(())
 }
 
@@ -168,6 +187,12 @@ fn values_that_do_not_go_together_are_refused() -> Test {
         )
         .is_empty()
     );
+    // The rates of templates are of no use to a plain cloud.
+    let recycling =
+        |method: &str| ConfigBuilder::new().set("densify.recycle=0.1")?.set("template_rates.opacity=0")?.set(method);
+    recycling("method=3dgs")?.finish()?;
+    let text = text_of(recycling("method=instgs")?.finish());
+    assert!(text.starts_with("template_rates.opacity = 0.0 (--set) must be above 0 with densify.recycle"), "{text}");
     ConfigBuilder::new().set("densify.opacity_reset_to=0.005")?.set("densify.opacity_reset_every=0")?.finish()?;
     assert!(!text_of(ConfigBuilder::new().set("init=random")?.set("max_gaussians=9")?.finish()).is_empty());
     ConfigBuilder::new().set("max_gaussians=9")?.finish()?;

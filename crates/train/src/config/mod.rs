@@ -380,12 +380,14 @@ impl Configuration for TrainConfig {
             "densify.growth",
         )?;
         // What the loss would miss is judged by the gradients of opacities.
-        for (rate, name) in [
-            (self.rates.opacity, "rates.opacity"),
-            (self.template_rates.opacity, "template_rates.opacity"),
-            (self.background_rates.opacity, "background_rates.opacity"),
+        let has_joint_phase = self.method == Method::Instanced;
+        for (rate, is_used, name) in [
+            (self.rates.opacity, true, "rates.opacity"),
+            (self.template_rates.opacity, has_joint_phase, "template_rates.opacity"),
+            (self.background_rates.opacity, has_joint_phase, "background_rates.opacity"),
         ] {
-            require(densify.recycle == 0.0 || rate > 0.0, name, "above 0 with", "densify.recycle")?;
+            let fits = densify.recycle == 0.0 || !is_used || rate > 0.0;
+            require(fits, name, "above 0 with", "densify.recycle")?;
         }
         let room = f64::from(self.max_gaussians) * self.joint.max_expanded;
         require(
