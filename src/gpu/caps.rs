@@ -74,6 +74,8 @@ impl DeviceCaps {
             CStr::from_bytes_until_nul(&bytes).map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
         };
         let version = core.api_version;
+        // Both are at least 1 GiB. Buffers are padded to multiples of 32 bytes.
+        let max_buffer_bytes = v13.max_buffer_size.min(v11.max_memory_allocation_size) / 32 * 32;
         let is_llvmpipe = v12.driver_id == vk::DriverId::MESA_LLVMPIPE;
         Self {
             name: text(&core.device_name),
@@ -92,10 +94,9 @@ impl DeviceCaps {
             max_workgroup_subgroups: v13.max_compute_workgroup_subgroups,
             max_workgroup_invocations: core.limits.max_compute_work_group_invocations,
             shared_memory_bytes: core.limits.max_compute_shared_memory_size,
-            // Buffers are padded to multiples of 32 bytes.
-            max_storage_bytes: u64::from(core.limits.max_storage_buffer_range) / 32 * 32,
-            // Both are at least 1 GiB.
-            max_buffer_bytes: v13.max_buffer_size.min(v11.max_memory_allocation_size) / 32 * 32,
+            // What is bound whole is a buffer in an allocation, too.
+            max_storage_bytes: u64::from(core.limits.max_storage_buffer_range).min(max_buffer_bytes) / 32 * 32,
+            max_buffer_bytes,
             max_workgroup_count: core.limits.max_compute_work_group_count[0]
                 .min(core.limits.max_compute_work_group_count[1]),
             max_storage_buffers: core.limits.max_per_stage_descriptor_storage_buffers,

@@ -47,6 +47,13 @@ const MOST_SUBGROUPS: u32 = 64;
 /// What `glsl/include/staging.glsl` keeps of a splat.
 const STAGED_SPLAT_BYTES: u32 = 40;
 
+/// Shared memory of `gather_color_gradients` and `refine_exposure`, bytes a thread: the most among kernels with
+/// [`Variant::workgroup_size`] threads.
+const GROUP_BYTES: u32 = 48;
+
+/// `recentre_exposures` has a thread for each of the 12 numbers of an exposure.
+const LEAST_GROUP: u32 = 16;
+
 /// Largest work-group with a required subgroup size.
 fn most_threads(caps: &DeviceCaps, subgroup_size: u32) -> u32 {
     caps.max_workgroup_invocations.min(caps.max_workgroup_subgroups.saturating_mul(subgroup_size))
@@ -110,7 +117,7 @@ impl Variant {
             let (threads, splats) = (subgroup_size..=most, 1..=subgroup_size);
             let (field, allowed) = match name {
                 "subgroup_size" => continue,
-                "workgroup_size" => (&mut variant.workgroup_size, threads),
+                "workgroup_size" => (&mut variant.workgroup_size, subgroup_size.max(LEAST_GROUP)..=most),
                 "radix_workgroup_size" => (&mut variant.radix_workgroup_size, threads),
                 "blend_workgroup_size" => (&mut variant.blend_workgroup_size, threads),
                 "tile_size" => (&mut variant.tile_size, BLOCK_SIDE..=MOST_TILE_SIZE),
@@ -130,7 +137,8 @@ impl Variant {
         let Self { radix_workgroup_size, stage_keys, blend_workgroup_size, stage_splats, .. } = variant;
         let sort_bytes = sort_shared_bytes(radix_workgroup_size, subgroup_size, stage_keys);
         let blend_bytes = if stage_splats { STAGED_SPLAT_BYTES * blend_workgroup_size } else { 0 };
-        for (what, bytes) in [("the sort", sort_bytes), ("the blend", blend_bytes)] {
+        let group_bytes = GROUP_BYTES * variant.workgroup_size;
+        for (what, bytes) in [("the sort", sort_bytes), ("the blend", blend_bytes), ("a work-group", group_bytes)] {
             if bytes > caps.shared_memory_bytes {
                 let (device, most) = (&caps.name, caps.shared_memory_bytes);
                 return Err(GpuError::Tuning(format!(
@@ -259,11 +267,22 @@ mod tests {
         assert_eq!(tuned, Variant { tile_size: 32, stage_keys: false, radix_workgroup_size: 512, ..picked });
         // 32 KiB of tables and more; one subgroup.
         let sorts = ["radix_workgroup_size=1024", "radix_workgroup_size=32"];
-        let others = ["tile_size=24", "tile_size=4", "subgroup_size=8", "blend_workgroup_size=2048", "colour=1"];
+        // 48 KiB of sums.
+        let others = [
+            "workgroup_size=1024",
+            "tile_size=24",
+            "tile_size=4",
+            "subgroup_size=8",
+            "blend_workgroup_size=2048",
+            "colour=1",
+        ];
         for wrong in sorts.into_iter().chain(others) {
             assert!(Variant::tuned(&caps(wrong)).is_err(), "{wrong}");
             assert_eq!(Variant::for_device(&caps(wrong)), picked);
         }
+        let narrow = |tuning| DeviceCaps { min_subgroup_size: 4, ..caps(tuning) };
+        assert!(Variant::tuned(&narrow("subgroup_size=4,workgroup_size=16")).is_ok());
+        assert!(Variant::tuned(&narrow("subgroup_size=4,workgroup_size=8")).is_err());
     }
 
     #[test]

@@ -121,7 +121,9 @@ impl Renderer {
         let options = &RenderOptions { divide_for_memory: false, ..*options };
         self.prepare(purpose, scene, camera, options)?;
         let Some(mut slot) = ahead.free.pop() else { return Ok(()) };
-        match self.submit_slot(&mut slot, scene, camera, options, extra) {
+        let submitted = self.submit_slot(&mut slot, scene, camera, options, extra);
+        self.note_drawn(submitted.is_ok());
+        match submitted {
             Ok((ticket, capacities)) => ahead.pending.push_back((slot, ticket, capacities)),
             Err(error) => {
                 slot.recorder.abandon();

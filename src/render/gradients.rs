@@ -72,6 +72,8 @@ pub struct SourceTables {
     pub instance_from_template: Buffer<u32>,
     /// Number of elements of `chunks`.
     pub chunk_count: u32,
+    /// The largest number of instances that show a Gaussian.
+    pub most_instances: u32,
 }
 
 impl SourceTables {
@@ -82,6 +84,7 @@ impl SourceTables {
             chunks: upload(gpu, "source chunks", &chunks)?,
             instance_from_template: upload(gpu, "instance_from_template", &instances)?,
             chunk_count: chunks.len() as u32,
+            most_instances: chunks.iter().map(|chunk| chunk.instance_count).max().unwrap_or(0),
         })
     }
 }
@@ -107,6 +110,15 @@ fn source_tables(layout: &SourceLayout, chunk_size: u32) -> (Vec<types::SourceCh
         let uses = |k: &usize| layout.instances[*k].template as usize == t;
         let of_template: Vec<u32> = (0..layout.instances.len()).filter(uses).map(|k| rows[k]).collect();
         push(range.first, range.count, &of_template, layout.templates.sh_degree, [range.first; 3]);
+    }
+    // Gaussians that no template shows have gradients of zero.
+    let mut ranges: Vec<SourceRange> = layout.template_ranges.iter().copied().filter(|range| range.count > 0).collect();
+    ranges.sort_by_key(|range| range.first);
+    let end = SourceRange { first: layout.templates.len as u32, count: 0 };
+    let mut first = 0;
+    for range in ranges.into_iter().chain([end]) {
+        push(first, range.first.saturating_sub(first), &[], layout.templates.sh_degree, [first; 3]);
+        first = first.max(range.first + range.count);
     }
     let mut rows_of_own: BTreeMap<SourceRange, Vec<u32>> = BTreeMap::new();
     for k in (0..layout.instances.len()).filter(|&k| layout.own_sources(k).count > 0) {
@@ -221,5 +233,37 @@ impl StepLog {
             records: upload(gpu, "step records", &[types::StepRecord::default(); LOG_STEPS as usize])?,
             readback: (0..in_flight).map(readback).collect::<Result<_, _>>()?,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::source_layout::{CloudSize, InstanceSource};
+
+    /// Every source Gaussian has a chunk, whatever shows it: no gradient is left undefined.
+    #[test]
+    fn gaussians_that_no_template_shows_have_chunks_without_instances() {
+        let range = |first, count| SourceRange { first, count };
+        let layout = SourceLayout {
+            templates: CloudSize { len: 12, sh_degree: 0 },
+            background: CloudSize { len: 3, sh_degree: 0 },
+            template_ranges: vec![range(6, 3), range(1, 3), range(2, 0)],
+            instances: vec![InstanceSource { template: 1, first_offset: None }; 2],
+            own: 0,
+            own_ranges: Vec::new(),
+            offsets: 0,
+        };
+        let (chunks, _) = source_tables(&layout, 2);
+        let mut instances_of = vec![None; 15];
+        for chunk in &chunks {
+            let begin = chunk.first_source + 2 * chunk.chunk;
+            let end = (begin + 2).min(chunk.first_source + chunk.source_count);
+            for source in begin..end {
+                assert_eq!(instances_of[source as usize].replace(chunk.instance_count), None, "{source}");
+            }
+        }
+        let want = [0, 2, 2, 2, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1].map(Some);
+        assert_eq!(instances_of, want);
     }
 }

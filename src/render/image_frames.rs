@@ -189,6 +189,7 @@ impl Renderer {
             unsafe { slot.recorder.copy_to_image(presenter.pixels(), target) }?;
             Ok((slot.recorder.end_in()?, have))
         });
+        self.note_drawn(recorded.is_ok());
         match recorded {
             Ok((signal, have)) => {
                 let RenderOptions { max_chunks, max_intersections, .. } = *options;

@@ -5,11 +5,12 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-use crate::scene::SourceRange;
-use crate::scene::bound::Bound;
+use crate::math::sh::widened;
+use crate::scene::bound::{Bound, round_up};
 use crate::scene::lod::pages::{Ball, PageTable, chunks_of as balls_of};
 use crate::scene::lod::{Cloud, Levels, Part};
 use crate::scene::source_layout::CloudSize;
+use crate::scene::{Gaussians, SourceRange};
 
 use super::error::RenderError;
 use super::scene_tables::{Bounded, Owner, Placement, Source, Tables};
@@ -74,11 +75,13 @@ struct Builder<'a> {
     tables: Tables,
     /// The chunks of ranges that have been met: instances of one template share them.
     known: HashMap<(Cloud, SourceRange), Bounded>,
+    /// How far ranges of levels lie outside the ball of their full detail.
+    outside: HashMap<(Cloud, SourceRange), f64>,
 }
 
 impl<'a> Builder<'a> {
     fn new(levels: &'a Levels, chunk_size: u32) -> Self {
-        Self { levels, chunk_size, tables: Tables::default(), known: HashMap::new() }
+        Self { levels, chunk_size, tables: Tables::default(), known: HashMap::new(), outside: HashMap::new() }
     }
 
     /// Appends the row of a part.
@@ -86,9 +89,10 @@ impl<'a> Builder<'a> {
         let Self { levels, chunk_size, .. } = *self;
         let full = self.chunks_of(part.cloud, part.full).bound;
         let shown = self.chunks_of(part.cloud, part.range);
-        // Merged means lie within the ball of the Gaussians they are made of, so all levels can have the same ball, and
-        // thus the same distance from the camera.
+        // All levels have the same ball, and thus the same distance from the camera. Merged means lie within the ball of the
+        // Gaussians they are made of; those of fitted levels may have been moved out of it.
         let bounded = Bounded { bound: Bound { sigma_max: shown.bound.sigma_max, ..full }, ..shown };
+        let outside = self.outside(part, &full);
         let place = Placement::of(&part.world_from_template, &levels.offsets, part.first_offset, part.range.count);
         let owner = match part.cloud {
             Cloud::Templates => Owner::of_template(part.owner, !levels.color_from_template.is_empty()),
@@ -97,8 +101,33 @@ impl<'a> Builder<'a> {
         self.tables.push_instance(&place, bounded, source_of(levels, part), owner, chunk_size)?;
         if let Some(entry) = self.tables.instances.last_mut() {
             (entry.cell, entry.next_cell) = (part.cell, part.next_cell);
+            if outside > 0.0 {
+                entry.max_offset = round_up(f64::from(entry.max_offset) + outside);
+            }
         }
         Ok(())
+    }
+
+    /// How far the means that a part shows lie outside the ball of its full detail, in its own frame; 0 if none does.
+    fn outside(&mut self, part: &Part, full: &Bound) -> f64 {
+        if part.range == part.full {
+            return 0.0;
+        }
+        let gaussians = self.gaussians_of(part.cloud);
+        let beyond = |mean: &[f32; 3]| widened(*mean).distance(full.center) - full.radius;
+        let means = &gaussians.means[part.range.first as usize..][..part.range.count as usize];
+        *self
+            .outside
+            .entry((part.cloud, part.range))
+            .or_insert_with(|| means.iter().map(beyond).filter(|beyond| *beyond > 0.0).fold(0.0, f64::max))
+    }
+
+    fn gaussians_of(&self, cloud: Cloud) -> &'a Gaussians {
+        match cloud {
+            Cloud::Templates => &self.levels.templates,
+            Cloud::Own { .. } => &self.levels.own,
+            Cloud::Background => &self.levels.background,
+        }
     }
 
     /// Appends the row of a block or of one of its levels, which is within the block's ball; `balls` are those of its chunks.
@@ -120,15 +149,8 @@ impl<'a> Builder<'a> {
 
     /// First chunk and bound of a range.
     fn chunks_of(&mut self, cloud: Cloud, range: SourceRange) -> Bounded {
-        let Self { levels, chunk_size, .. } = *self;
-        *self.known.entry((cloud, range)).or_insert_with(|| {
-            let gaussians = match cloud {
-                Cloud::Templates => &levels.templates,
-                Cloud::Own { .. } => &levels.own,
-                Cloud::Background => &levels.background,
-            };
-            self.tables.push_chunks(gaussians, range, chunk_size)
-        })
+        let (gaussians, chunk_size) = (self.gaussians_of(cloud), self.chunk_size);
+        *self.known.entry((cloud, range)).or_insert_with(|| self.tables.push_chunks(gaussians, range, chunk_size))
     }
 }
 

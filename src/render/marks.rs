@@ -46,6 +46,11 @@ impl Marks {
         Ok(Self { gpu: gpu.clone(), pipelines: None, by_pixel: Buffer::new(gpu, "marks", 1)?, size_px: [0; 2] })
     }
 
+    /// Width and height of the picture that these are of, pixels; zero before the first.
+    pub(super) fn size_px(&self) -> [u32; 2] {
+        self.size_px
+    }
+
     /// Red, green and blue by pixel, row by row; `None` where there is no mark. Waits for the device.
     pub fn download(&self) -> Result<Vec<Option<[u8; 3]>>, RenderError> {
         let count = self.size_px[0] as usize * self.size_px[1] as usize;

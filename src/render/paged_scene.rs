@@ -8,11 +8,9 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
-
 use crate::gpu::{Buffer, Gpu, Recorder, Ticket};
 use crate::scene::lod::NO_NEXT_CELL;
-use crate::scene::lod::pages::{Ball, Page, PageTable, PagedLevel, chunks_of};
+use crate::scene::lod::pages::{Ball, Page, PageTable, PagedLevel, ball_around, chunks_of};
 use crate::scene::source_layout::CloudSize;
 use crate::scene::{Camera, DevicePrecision, Gaussians, InstancedScene, Parameter};
 
@@ -372,15 +370,4 @@ impl PagedScene {
         *last = Some(recorder.submit()?);
         Ok(())
     }
-}
-
-/// A ball around balls.
-fn ball_around(balls: &[Ball]) -> Ball {
-    let center = |ball: &Ball| Vec3::from_slice(ball).as_dvec3();
-    let middle = balls.iter().map(center).sum::<DVec3>() / balls.len().max(1) as f64;
-    let middle = middle.as_vec3();
-    let reach = |ball: &Ball| center(ball).distance(middle.as_dvec3()) + f64::from(ball[3]);
-    let radius = balls.iter().map(reach).fold(0.0, f64::max) * 1.000_001;
-    let sigma_max = balls.iter().fold(0.0, |most, ball| ball[4].max(most));
-    [middle.x, middle.y, middle.z, radius as f32, sigma_max]
 }

@@ -101,6 +101,13 @@ impl Presenter {
         let Some(frame) = picture.renderer.frame() else {
             return Ok(recorder.fill(&mut self.pixels, BLACK)?);
         };
+        // A failed frame leaves those of the picture before.
+        let size_px = frame.plan.size_px;
+        let picture = ShownPicture {
+            surfaces: picture.surfaces.filter(|surfaces| surfaces.size_px() == size_px),
+            marks: picture.marks.filter(|marks| marks.size_px() == size_px),
+            ..picture
+        };
         let capacities = [frame.plan.capacities.candidates, frame.plan.capacities.work_items];
         let blue_first = u32::from(blue_first);
         let params = present::Params { shown_px, blue_first, capacities, ..self.params(show, picture) };

@@ -61,6 +61,8 @@ pub struct Renderer {
     primitives: Primitives,
     pipelines: PipelineSets,
     frame: Option<FrameBuffers>,
+    /// True while nothing was drawn to the buffers of `frame`.
+    is_undrawn: bool,
     capacities: Capacities,
     /// The largest intersection buffer that could be allocated.
     most_intersections: u32,
@@ -105,6 +107,7 @@ impl Renderer {
             primitives,
             pipelines: PipelineSets::default(),
             frame: None,
+            is_undrawn: false,
             capacities: INITIAL,
             most_intersections: u32::MAX,
             most_chunks: u32::MAX,
@@ -214,7 +217,17 @@ impl Renderer {
         if stats.is_err() {
             self.recorder.abandon();
         }
+        self.note_drawn(stats.is_ok());
         stats
+    }
+
+    /// Notes whether a picture was submitted to the buffers of the frame. New ones that nothing was drawn to hold no picture:
+    /// they are dropped.
+    pub(super) fn note_drawn(&mut self, drawn: bool) {
+        if !drawn && self.is_undrawn {
+            self.frame = None;
+        }
+        self.is_undrawn = false;
     }
 
     /// Checks the inputs, and creates pipelines and buffers for them.
@@ -394,7 +407,7 @@ impl Renderer {
             };
             match frame {
                 Ok(frame) => {
-                    self.frame = Some(frame);
+                    (self.frame, self.is_undrawn) = (Some(frame), true);
                     if self.most_chunks < most_before.1 {
                         self.shortage = shortage;
                     }

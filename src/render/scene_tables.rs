@@ -9,7 +9,7 @@ use crate::gpu::interface::types;
 use crate::math::similarity::Similarity;
 use crate::scene::bound::{Bound, round_up};
 use crate::scene::lod::NO_NEXT_CELL;
-use crate::scene::lod::pages::{Ball, chunks_of};
+use crate::scene::lod::pages::{Ball, ball_around, chunks_of};
 use crate::scene::source_layout::CloudSize;
 use crate::scene::{Gaussians, InstancedScene, Offsets, SourceLayout, SourceRange};
 
@@ -228,8 +228,12 @@ impl Tables {
     pub(super) fn push_balls(&mut self, balls: &[Ball], count: u32, sigma_factor: f64, chunk_size: u32) -> u32 {
         let first_chunk = self.chunks.len() as u32;
         for start in (0..count).step_by(chunk_size as usize) {
-            // A chunk that is smaller has the ball of all 256.
-            let [x, y, z, radius, sigma_max] = balls[chunks_of(start + 1) - 1];
+            let end = count.min(start + chunk_size);
+            // A chunk that is smaller has the ball of all 256, and a larger one a ball around those of its parts.
+            let [x, y, z, radius, sigma_max] = match &balls[chunks_of(start + 1) - 1..chunks_of(end)] {
+                [ball] => *ball,
+                several => ball_around(several),
+            };
             let sigma_max = round_up(sigma_factor * f64::from(sigma_max));
             self.chunks.push(types::Chunk { center: [x, y, z], radius, sigma_max });
         }

@@ -43,6 +43,11 @@ impl Surfaces {
         Ok(Self { gpu: gpu.clone(), pipelines: None, by_pixel: Buffer::new(gpu, "surfaces", 1)?, size_px: [0; 2] })
     }
 
+    /// Width and height of the picture that these are of, pixels; zero before the first.
+    pub(super) fn size_px(&self) -> [u32; 2] {
+        self.size_px
+    }
+
     /// The Gaussian at the surface of a pixel; `None` where at least half of the light passes, and outside the picture.
     /// Waits for the device and reads one element.
     pub fn at(&self, [x, y]: [u32; 2]) -> Result<Option<SurfacePoint>, RenderError> {

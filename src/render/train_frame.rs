@@ -237,6 +237,12 @@ impl TrainFrame {
         gradients: &mut GradientBuffers,
     ) -> Result<(), RenderError> {
         let GradientStep { tables, view, log, wanted } = step;
+        // gather_gradients walks over the instances of a Gaussian three times.
+        let most = self.gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| (most - most / 16) / 3);
+        if tables.most_instances > most {
+            let (needed, limit) = (tables.most_instances.into(), most.into());
+            return Err(RenderError::TooMany { what: "instances of a template in training", needed, limit });
+        }
         let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
         let inputs = BackwardInputs { forward: &forward, pipelines, tables, wanted };
         record_gradients(recorder, &inputs, frame, buffers, log, gradients)?;

@@ -3,8 +3,9 @@
 use instgs_train::measure_sensitivity;
 use instgs_vk::math::log_covariance::{Shape, log_covariance, nearest_shape};
 use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::offset_runs::sources_of_records;
-use instgs_vk::scene::{Camera, InstancedScene, Parameter};
+use instgs_vk::scene::{Camera, InstancedScene, Parameter, SourceRange};
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::random_scene::{add_rare_offsets, random_case};
@@ -192,5 +193,46 @@ fn sensitivity_is_the_squared_derivative_of_pictures() {
     let again = measure_sensitivity(&gpu, scene, &cameras[..5], || ()).unwrap();
     assert_eq!(again, measure_sensitivity(&gpu, scene, &cameras[..5], || ()).unwrap());
     assert!(measure_sensitivity(&gpu, scene, &[], || ()).is_err());
+    assert_silent(&gpu);
+}
+
+/// Copies of an instance share its offsets: each says how much it shows, and the order of threads says nothing.
+#[test]
+fn what_copies_share_has_the_sum_over_them() {
+    let Some(gpu) = gpu() else { return };
+    let mut case = random_case(3);
+    add_rare_offsets(&mut Rng::new(4), &mut case.scene, u64::MAX);
+    let original = case.scene.instances.iter().find(|instance| instance.first_offset.is_some()).unwrap().clone();
+    let (first, records) = (original.first_offset.unwrap() as usize, case.scene.offsets.len());
+    let count = case.scene.template_ranges[original.template as usize].count as usize;
+    let mut shared = case.scene.clone();
+    let mut copy = original.clone();
+    let moved = Similarity::from_parts(glam::DMat3::IDENTITY, 1.0, glam::DVec3::new(0.3, 0.1, 0.2));
+    copy.world_from_template = moved.after(&copy.world_from_template);
+    shared.instances.push(copy);
+    if let Some(&matrix) = shared.color_from_template.first() {
+        shared.color_from_template.push(matrix);
+    }
+    if !shared.own_ranges.is_empty() {
+        shared.own_ranges.push(SourceRange::default());
+    }
+    let unshared = shared.with_unshared_offsets(usize::MAX);
+    assert_eq!(unshared.offsets.len(), records + count);
+    let cameras = vec![case.camera.clone(); 5];
+    let [of_shared, of_unshared] =
+        [&shared, &*unshared].map(|scene| measure_sensitivity(&gpu, scene, &cameras, || ()).unwrap());
+    assert!(of_shared.fits(&shared));
+    let last = unshared.instances.last().unwrap().first_offset.unwrap() as usize;
+    let before =
+        unshared.instances.iter().position(|instance| instance.world_from_template == original.world_from_template);
+    let own = unshared.instances[before.unwrap()].first_offset.unwrap() as usize;
+    for parameter in [Parameter::OffsetMeans, Parameter::OffsetShDc, Parameter::OffsetOpacityLogits] {
+        let (of, parts) = (&of_shared.rows[parameter], &of_unshared.rows[parameter]);
+        assert!((0..count).any(|i| parts[own + i] > 0.0) && (0..count).any(|i| parts[last + i] > 0.0));
+        for i in 0..count {
+            assert_eq!(of[first + i], parts[own + i] + parts[last + i], "{parameter:?} {i}");
+        }
+    }
+    assert_eq!(of_shared.rows[Parameter::Means], of_unshared.rows[Parameter::Means]);
     assert_silent(&gpu);
 }

@@ -248,7 +248,7 @@ fn what_boxes_do_not_give_is_said() {
     let Some(gpu) = gpu() else { return };
     let synthetic = synthetic();
     let text = |boxes: &Boxes| synthetic.run(boxes, &BoxOptions::default()).unwrap_err().to_string();
-    assert_eq!(text(&Boxes::default()), "no box is in the world or in one of the views");
+    assert_eq!(text(&Boxes::default()), "no box is of an object in the world or in the views");
     let somewhere = synthetic.view_box(0, 0, true);
     let elsewhere = Boxes { views: [("photo_1".into(), vec![somewhere.clone()])].into(), ..Boxes::default() };
     assert!(text(&elsewhere).contains("photo_1"), "{}", text(&elsewhere));

@@ -94,6 +94,21 @@ fn boxes_take_the_place_of_masks() {
     let made = fs::metadata(folder.path("run/masks/categories.json")).unwrap().modified().unwrap();
     folder.train("run").args(["--resume", "--boxes", &file]).assert().success();
     assert_eq!(fs::metadata(folder.path("run/masks/categories.json")).unwrap().modified().unwrap(), made);
+    // Objects stay those of the boxes that they were found by.
+    let text = fs::read_to_string(&boxes).unwrap();
+    fs::write(&boxes, format!("{text}\n")).unwrap();
+    let text = error_of(folder.train("run").args(["--resume", "--boxes", &file]));
+    has_all(&text, &["boxes.json", "has changed since the objects of"]);
+    // Boxes in the wrong place are found out before the cloud is trained, or when they have caught nothing.
+    let nowhere = r#"{"objects": [{"id": 1, "center": [900, 0, 0], "size": [1, 1, 1]}]}"#;
+    fs::write(folder.path("nowhere.json"), nowhere).unwrap();
+    let lost = folder.path("nowhere.json").display().to_string();
+    let text = error_of(folder.train("lost").args(["--boxes", &lost]));
+    has_all(&text, &["no Gaussian is in a box of an object", "object 1", "same place and frame"]);
+    fs::write(folder.path("nowhere.json"), r#"{"views": {"view_001": []}}"#).unwrap();
+    let text = error_of(folder.train("unused").args(["--boxes", &lost]));
+    has_all(&text, &["nowhere.json", "no box is of an object"]);
+    assert!(!folder.path("unused").exists(), "nothing was trained");
     let text = error_of(folder.train("other").args(["--boxes", "none.json"]));
     has_all(&text, &["none.json"]);
     other.views.retain(|name, _| name == "nowhere");

@@ -107,6 +107,9 @@ fn a_dry_run_counts_masks_and_objects() {
     let grouped = plan(&["--groups", "groups.json"]);
     assert_eq!(grouped["objects"], 2);
     assert!(grouped["groups"].as_str().unwrap().starts_with("1 groups in"), "{grouped}");
+    // Masks from words are made by the run.
+    let prompted = plan(&["--prompt", "car. bench.", "--models", "models"]);
+    assert!(prompted["masks"].as_str().unwrap().contains("car. bench."), "{prompted}");
     let text = train(at, &["data", "--config", "instgs_quick", "--dry-run"]).assert().success().get_output().clone();
     let text = String::from_utf8(text.stdout).unwrap();
     assert!(text.contains("steps") && text.contains("MiB") && text.contains("nothing was written"), "{text}");

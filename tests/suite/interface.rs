@@ -2,7 +2,7 @@
 //! class, nor strides, spec constants or local sizes, and its list of push constants is undefined behaviour (it makes a
 //! slice from a null pointer, which debug builds catch). Entry point and stage are what can be compared.
 
-use instgs_vk::gpu::interface::ALL_SHADERS;
+use instgs_vk::gpu::interface::{ALL_SHADERS, MOST_BINDINGS};
 
 /// The module without its "BuiltIn WorkgroupSize" decoration, on which spirv-reflect 0.2.3 fails when the size is a
 /// spec constant ("Invalid ID Reference").
@@ -53,4 +53,10 @@ fn bindings_are_dense_and_named_once() {
         assert_eq!(names.len(), shader.bindings.len(), "{}", shader.name);
         assert!(shader.push_constant_bytes <= 128, "{}: 128 bytes are what every device has", shader.name);
     }
+}
+
+#[test]
+fn the_number_of_buffers_is_the_one_that_is_promised() {
+    let promised = format!("training {MOST_BINDINGS};");
+    assert!(include_str!("../../src/lib.rs").contains(&promised), "src/lib.rs does not say {promised}");
 }

@@ -8,6 +8,7 @@ use instgs_vk::optim::{AdamBuffers, Exposures, MomentBuffer, POSE_VALUES, PoseBu
 use instgs_vk::render::train_frame::LARGEST_OF_SLOT;
 use instgs_vk::render::{DeviceScene, GradientBuffers, ParameterBuffers, RenderError, SourceTables, StepLog};
 use instgs_vk::scene::gaussians::sh_coefficients;
+use instgs_vk::scene::instanced_scene::SceneError;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
 
 use super::config::{GaussianRates, Rates};
@@ -72,11 +73,27 @@ pub fn most_in_training(caps: &DeviceCaps, sh_degree: u32) -> u32 {
     (most - most % 1024).min(u64::from(u32::MAX)) as u32
 }
 
+/// Refuses what several instances or templates would write the gradients of at once.
+fn check_unshared(scene: &InstancedScene) -> Result<(), SceneError> {
+    let fail = |tensor: &str, reason: String| Err(SceneError { tensor: tensor.into(), reason });
+    if let Some(t) = (0..scene.template_ranges.len()).find(|&t| scene.shares_gaussians(t)) {
+        return fail(
+            "template.range",
+            format!("template {t} shares Gaussians with another, and training wants them apart"),
+        );
+    }
+    if scene.shares_offsets() {
+        return fail("instance.first_offset", "instances share offset records, and training wants them apart".into());
+    }
+    Ok(())
+}
+
 impl DeviceState {
     /// Uploads a scene, with moments of zero. Own Gaussians that instances share are copied, so that each learns its own.
     ///
     /// # Errors
-    /// An inconsistent scene, or one beyond the device's limits.
+    /// An inconsistent scene, one whose templates share Gaussians or whose instances share offset records, or one beyond the
+    /// device's limits.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         let sh_degree = scene.templates.sh_degree.max(scene.background.sh_degree);
         let limit = u64::from(most_in_training(gpu.caps(), sh_degree));
@@ -86,6 +103,7 @@ impl DeviceState {
         if needed > limit {
             return Err(RenderError::TooMany { what: "Gaussians in training", needed, limit });
         }
+        check_unshared(scene)?;
         let scene = &scene.with_packed_own();
         let device_scene = DeviceScene::unbounded(gpu, scene, chunk_size)?;
         let layout = SourceLayout::of(scene);

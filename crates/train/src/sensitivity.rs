@@ -6,6 +6,7 @@
 //! views; learning rates are too small to change a parameter.
 //! Shapes are no parameters: their squares are averaged on the host (`shape_sensitivity.rs`).
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -18,6 +19,7 @@ use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::Adam;
 use instgs_vk::render::RenderOptions;
+use instgs_vk::scene::offset_runs::sources_of_records;
 use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::config::{GaussianRates, PoseRates, Rates};
@@ -82,7 +84,8 @@ pub fn measure_sensitivity(
         return Err(TrainError::NoViews);
     };
     let mut runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), largest, false)?;
-    let mut state = DeviceState::new(gpu, scene, runner.chunk_size())?;
+    let copies = Unshared::of(scene);
+    let mut state = DeviceState::new(gpu, &copies.unshared, runner.chunk_size())?;
     let gaussian = GaussianRates {
         means: NO_RATE,
         sh_dc: NO_RATE,
@@ -99,8 +102,7 @@ pub fn measure_sensitivity(
         poses: PoseRates::default(),
     };
     let options = RenderOptions::of(scene);
-    let packed = scene.with_packed_own();
-    let mut shapes = ShapeSums::new(&packed);
+    let mut shapes = ShapeSums::new(&copies.unshared);
     let mut values = 0.0;
     for (step, camera) in (0..).zip(cameras) {
         // One view at a time on the device; its buffers are only read by this step, which is waited for.
@@ -129,18 +131,23 @@ pub fn measure_sensitivity(
     let scale = values / (1.0 - DECAY.powf(cameras.len() as f64));
     let mut rows = measured_rows(gpu, &state, scale)?;
     let (source_shapes, offset_shapes) = shapes.scaled(values / cameras.len() as f64);
-    let own = SharedOwn { scene, packed: &packed };
+    let add = |sum: &mut f32, copy: &f32| *sum += copy;
     let rows = ParameterSet::from_fn(|parameter| {
         let values = std::mem::take(&mut rows[parameter]);
-        let has_own = match parameter.owner() {
-            Owner::Source => true,
-            Owner::ShBand(l) => l <= scene.templates.sh_degree,
-            Owner::Offset | Owner::Instance => false,
-        };
-        if has_own { own.summed(values, |sum, copy| *sum += copy) } else { values }
+        match parameter.owner() {
+            Owner::Source => copies.of_sources(values, add),
+            Owner::ShBand(l) if l <= scene.templates.sh_degree => copies.of_sources(values, add),
+            Owner::ShBand(_) | Owner::Instance => values,
+            Owner::Offset => copies.of_records(values, add),
+        }
     });
-    let source_shapes =
-        own.summed(source_shapes, |sum, copy| sum.iter_mut().zip(copy).for_each(|(sum, copy)| *sum += copy));
+    let add = |sum: &mut [f32; 6], copy: &[f32; 6]| sum.iter_mut().zip(copy).for_each(|(sum, copy)| *sum += copy);
+    let source_shapes = copies.of_sources(source_shapes, add);
+    let mut offset_shapes = copies.of_records(offset_shapes, add);
+    if sources_of_records(&scene.offset_runs(), scene.offsets.len()).1 {
+        // Records of several Gaussians have no shape of their own; see `ShapeSums`.
+        offset_shapes.fill([0.0; 6]);
+    }
     Ok(Sensitivity { rows, source_shapes, offset_shapes })
 }
 
@@ -184,25 +191,55 @@ fn shape_gradients(gpu: &Arc<Gpu>, state: &DeviceState) -> Result<ShapeGradients
     })
 }
 
-/// A scene whose instances may share own Gaussians, and as training has it: each with copies of its own.
-struct SharedOwn<'a> {
+/// Of the instances that share offset records, at most this many are measured with them; the others are drawn without. It
+/// bounds memory, where a thousand copies share one run.
+const MOST_USERS: usize = 8;
+
+/// A scene whose instances may share own Gaussians and offset records, and as training has it: each with copies of its own.
+struct Unshared<'a> {
     scene: &'a InstancedScene,
-    packed: &'a InstancedScene,
+    unshared: Cow<'a, InstancedScene>,
 }
 
-impl SharedOwn<'_> {
+impl<'a> Unshared<'a> {
+    fn of(scene: &'a InstancedScene) -> Self {
+        let unshared = match scene.with_packed_own() {
+            Cow::Borrowed(scene) => scene.with_unshared_offsets(MOST_USERS),
+            Cow::Owned(packed) => Cow::Owned(packed.with_unshared_offsets(MOST_USERS).into_owned()),
+        };
+        Self { scene, unshared }
+    }
+
     /// Values by source Gaussian of the scene from those of the copies: what the scene has once has the sum over its copies.
-    fn summed<T: Copy + Default>(&self, values: Vec<T>, add: impl Fn(&mut T, &T)) -> Vec<T> {
-        let Self { scene, packed } = self;
-        if packed.own.len() == scene.own.len() && packed.own_ranges == scene.own_ranges {
+    fn of_sources<T: Copy + Default>(&self, values: Vec<T>, add: impl Fn(&mut T, &T)) -> Vec<T> {
+        let Self { scene, unshared } = self;
+        if unshared.own.len() == scene.own.len() && unshared.own_ranges == scene.own_ranges {
             return values;
         }
-        let (first, copies) = (scene.templates.len(), packed.own.len());
+        let (first, copies) = (scene.templates.len(), unshared.own.len());
         let mut own = vec![T::default(); scene.own.len()];
-        for (to, from) in scene.own_ranges.iter().zip(&packed.own_ranges) {
+        for (to, from) in scene.own_ranges.iter().zip(&unshared.own_ranges) {
             let copies = &values[first + from.first as usize..][..from.count as usize];
             own[to.first as usize..].iter_mut().zip(copies).for_each(|(sum, copy)| add(sum, copy));
         }
         [&values[..first], &own, &values[first + copies..]].concat()
+    }
+
+    /// The same by offset record; empty if the scene has none of this kind.
+    fn of_records<T: Copy + Default>(&self, values: Vec<T>, add: impl Fn(&mut T, &T)) -> Vec<T> {
+        let Self { scene, unshared } = self;
+        if matches!(unshared, Cow::Borrowed(_)) || values.is_empty() {
+            return values;
+        }
+        // Records of SH have several rows each.
+        let rows = values.len() / unshared.offsets.len().max(1);
+        let mut records = vec![T::default(); rows * scene.offsets.len()];
+        for (to, from) in scene.instances.iter().zip(&unshared.instances) {
+            let (Some(first), Some(copy)) = (to.first_offset, from.first_offset) else { continue };
+            let count = rows * scene.template_ranges[to.template as usize].count as usize;
+            let copies = &values[rows * copy as usize..][..count];
+            records[rows * first as usize..].iter_mut().zip(copies).for_each(|(sum, copy)| add(sum, copy));
+        }
+        records
     }
 }

@@ -64,7 +64,7 @@ fn row_of(quats: &[f32], log_scales: &[f32], row: usize) -> ShapeDerivative {
 }
 
 impl ShapeSums {
-    /// Sums of zero, for a scene whose instances share no own Gaussians.
+    /// Sums of zero, for a scene whose instances share neither own Gaussians nor offset records.
     pub(super) fn new(scene: &InstancedScene) -> Self {
         let clouds = [&scene.templates, &scene.own, &scene.background];
         let all = clouds.iter().flat_map(|cloud| cloud.quats.iter().zip(&cloud.log_scales));
@@ -111,8 +111,7 @@ impl ShapeSums {
             let mut by = row_of(quats, log_scales, row);
             let mut coordinates = [0.0; 6];
             if let Some((sum, sum_by)) = through.get(row) {
-                // What is left is of instances without offsets. (Where instances share a record, its gradient is of one of them
-                // alone; the others then count as if they had none.)
+                // What is left is of instances without offsets.
                 by.quat.iter_mut().zip(sum_by.quat).for_each(|(by, part)| *by -= part);
                 by.log_scales.iter_mut().zip(sum_by.log_scales).for_each(|(by, part)| *by -= part);
                 coordinates = *sum;

@@ -116,7 +116,8 @@ pub(super) fn read_data(folder: &Path, config: &TrainConfig, needs_points: bool)
     let of = |split| -> Vec<View> { Dataset::split(&dataset, split).cloned().collect() };
     let (train, test) = (of(Split::Train), of(Split::Test));
     if train.is_empty() {
-        return Err(IoError::new(folder, "has no training views").into());
+        let error = IoError::new(folder, "has no training views");
+        return Err(error.advise("its camera files hold out all views: let them name some to train on").into());
     }
     let mut warnings = dataset.notes;
     let points = match read_points(folder) {
@@ -352,6 +353,8 @@ fn first_instanced(
     if job.config.joint.own_share > 0.0 && scene.own_ranges.is_empty() {
         scene.own_ranges = vec![SourceRange::default(); scene.instances.len()];
     }
+    // Copies of an instance learn on their own.
+    let scene = scene.with_unshared_offsets(usize::MAX);
     let mut state = DeviceState::new(gpu, &scene, chunk_size)?;
     let Some((path, mut found)) = resumed.found else {
         let exposures = FirstExposures::of_plain_cloud(&job.folder())?;

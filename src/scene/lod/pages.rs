@@ -4,6 +4,7 @@
 //! block are its *stand-ins*: they are always in memory, and the finest of them is drawn for all of the block while its page is
 //! not there. So pages may come in any order, and none of them leaves a hole.
 
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::scene::bound::Bound;
@@ -70,6 +71,17 @@ pub struct PageTableError {
     pub field: &'static str,
     /// What is wrong with it.
     pub reason: String,
+}
+
+/// A ball around balls.
+pub(crate) fn ball_around(balls: &[Ball]) -> Ball {
+    let center = |ball: &Ball| Vec3::from_slice(ball).as_dvec3();
+    let middle = balls.iter().map(center).sum::<DVec3>() / balls.len().max(1) as f64;
+    let middle = middle.as_vec3();
+    let reach = |ball: &Ball| center(ball).distance(middle.as_dvec3()) + f64::from(ball[3]);
+    let radius = balls.iter().map(reach).fold(0.0, f64::max) * 1.000_001;
+    let sigma_max = balls.iter().fold(0.0, |most, ball| ball[4].max(most));
+    [middle.x, middle.y, middle.z, radius as f32, sigma_max]
 }
 
 /// Chunks of `count` Gaussians.

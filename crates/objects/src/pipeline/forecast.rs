@@ -119,7 +119,10 @@ pub fn forecast(job: &PipelineJob, heap_bytes: u64) -> Result<Forecast, Pipeline
     let objects = match config.method {
         Method::Gaussians => None,
         Method::Instanced => {
-            notes.extend(check_masks(job)?);
+            // Masks from words do not exist before the run.
+            if !matches!(MaskSource::of(job)?, MaskSource::Prompt { .. }) {
+                notes.extend(check_masks(job)?);
+            }
             Some(objects(job, &views)?)
         }
     };
@@ -158,7 +161,8 @@ fn objects(job: &PipelineJob, views: &[View]) -> Result<ObjectForecast, IoError>
         MaskSource::Folder(folder) => masks_in(folder, views)?,
         MaskSource::Boxes(file) => {
             let boxes = training_boxes(job, &file)?;
-            let in_photos = boxes.views.values().map(Vec::len).sum();
+            let of_photos = views.iter().filter_map(|view| boxes.views.get(&view.camera.name));
+            let in_photos = of_photos.map(Vec::len).sum();
             MaskForecast::Boxes { file, in_world: boxes.objects.len(), in_photos }
         }
         MaskSource::Prompt { prompt, models } => MaskForecast::Prompt { prompt, models },

@@ -14,8 +14,8 @@ use crate::segment::{
     consensus, label_views,
 };
 use instgs_io::checkpoint::Checkpoint;
-use instgs_io::json::{read_json, write_json};
 use instgs_io::fingerprint::FilePrint;
+use instgs_io::json::{read_json, write_json};
 use instgs_io::view_image::camera_at_width;
 use instgs_io::{
     IoError, MaskFolder, RunFolder, Split, View, atomic_write, load_scene, read_cameras, write_cameras, write_ply,
@@ -27,8 +27,9 @@ use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PosedGroup};
 use super::error::PipelineError;
 use super::job::PipelineJob;
 use super::mask_check::views_without_mask;
-use super::mask_source::mask_folder;
+use super::mask_source::{MaskSource, mask_folder};
 use super::observer::{Message, Observer};
+use super::register_objects::forget_groups;
 use super::stage_kinds::Stage;
 use instgs_train::eval_options;
 use instgs_train::facts::StageTime;
@@ -192,9 +193,17 @@ pub fn label_gaussians(
     {
         return Ok(CloudLabels { stages: vec![StageTime::since(Stage::Segment.name(), started)], ..earlier });
     }
+    // Groups of before are not those of the labels to come.
+    forget_groups(&job.folder())?;
     let clock = Stage::Consensus.begin(observer)?;
     let (views, cameras) = training_views(job)?;
-    let masks = MaskFolder::open(&mask_folder(job)?, &views)?;
+    let folder = mask_folder(job)?;
+    if !matches!(MaskSource::of(job)?, MaskSource::Folder(_)) && !folder.is_dir() {
+        let error = IoError::new(&job.out, "has no masks yet, which are to be made from boxes or words");
+        let advice = "make them with instgs-vk masks --boxes or --prompt, and give their folder with --masks";
+        return Err(error.advise(advice).into());
+    }
+    let masks = MaskFolder::open(&folder, &views)?;
     let options = label_options(job);
     let mask_of_view = |i: usize| Ok(masks.of_view(&views[i])?);
     let mut sweeps =

@@ -7,10 +7,11 @@ use std::sync::Arc;
 use super::error::PipelineError;
 use super::job::PipelineJob;
 use super::label_gaussians::training_views;
+use super::made_masks::MadeMasks;
 use super::mask_source::{MaskSource, made_masks};
 use super::observer::{Message, Observer};
 use super::stage_kinds::Stage;
-use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw};
+use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw, usable_boxes};
 use instgs_detect::{Prompt, ViewMasks};
 use instgs_io::masks::CATEGORIES;
 use instgs_io::{Dataset, IoError, Split, View, read_boxes, with_view_names, write_categories, write_mask};
@@ -21,18 +22,17 @@ use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::{Boxes, InstancedScene};
 
 /// Detects what the job's prompt names in the photos of its training views, and writes masks to the run folder;
-/// `observer` receives each view and a summary. Returns the wall time; `None` if the masks come from elsewhere, or
-/// exist and the job resumes.
+/// `observer` receives each view and a summary. Returns the wall time; `None` if the masks come from elsewhere. A job that
+/// resumes keeps masks that were made from the same words with the same settings.
 ///
 /// # Errors
 /// Models or the runtime library that are missing; a photo that cannot be read; no detection in any photo.
 pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Option<StageTime>, PipelineError> {
     let MaskSource::Prompt { prompt, models } = MaskSource::of(job)? else { return Ok(None) };
-    let out = made_masks(job);
-    // The last file of the stage.
-    if job.resume && out.join(instgs_detect::BOXES).is_file() {
-        return Ok(None);
+    if let Some(made) = MadeMasks::kept(job)? {
+        return Ok(Some(made.stage()));
     }
+    let out = made_masks(job);
     let clock = Stage::Masks.begin(observer)?;
     let (views, _) = training_views(job)?;
     let photos: Vec<&View> = views.iter().collect();
@@ -46,7 +46,9 @@ pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Resu
     let report = instgs_detect::masks_from_prompt(&photos, &prompt, &models, &options, &out, &mut done)?;
     told?;
     observer.notify(Message::NamesFound(&report))?;
-    Ok(Some(clock.end(observer)?))
+    let stage = clock.end(observer)?;
+    MadeMasks::write(job, &[], &stage)?;
+    Ok(Some(stage))
 }
 
 /// Result of the masks from boxes.
@@ -57,8 +59,8 @@ pub(super) struct FoundByBoxes {
     pub(super) stage: StageTime,
 }
 
-/// Makes the masks of a job with boxes from its plain cloud. `None` if the masks come from elsewhere, or exist and the
-/// job resumes.
+/// Makes the masks of a job with boxes from its plain cloud. `None` if the masks come from elsewhere. A job that resumes keeps
+/// masks that were made from the same boxes.
 ///
 /// # Errors
 /// The same errors as [`training_boxes`] and [`write_masks_from_boxes`].
@@ -69,21 +71,39 @@ pub(super) fn masks_from_boxes(
     observer: &mut dyn Observer,
 ) -> Result<Option<FoundByBoxes>, PipelineError> {
     let MaskSource::Boxes(path) = MaskSource::of(job)? else { return Ok(None) };
-    let out = made_masks(job);
-    if job.resume && out.join(CATEGORIES).is_file() {
-        return Ok(None);
+    if let Some(made) = MadeMasks::kept(job)? {
+        return Ok(Some(FoundByBoxes { stage: made.stage(), notes: made.notes }));
     }
     let clock = Stage::Masks.begin(observer)?;
     let (views, _) = training_views(job)?;
-    let options = BoxOptions {
+    let (boxes, options) = (training_boxes(job, &path)?, box_options(job));
+    let report = write_masks_from_boxes(gpu, cloud, &views, &boxes, &options, &made_masks(job), observer)?;
+    let stage = clock.end(observer)?;
+    MadeMasks::write(job, &report.notes, &stage)?;
+    Ok(Some(FoundByBoxes { notes: report.notes, stage }))
+}
+
+fn box_options(job: &PipelineJob) -> BoxOptions {
+    BoxOptions {
         width: (job.config.train.width > 0).then_some(job.config.train.width),
         seed: job.config.train.seed,
         render: eval_options(&job.config.train),
         ..BoxOptions::default()
-    };
-    let boxes = training_boxes(job, &path)?;
-    let report = write_masks_from_boxes(gpu, cloud, &views, &boxes, &options, &out, observer)?;
-    Ok(Some(FoundByBoxes { notes: report.notes, stage: clock.end(observer)? }))
+    }
+}
+
+/// Checks the boxes of a job before it has a cloud; returns warnings for the user, one line each.
+///
+/// # Errors
+/// A file that is missing or damaged, or boxes of which none can be used.
+pub(super) fn check_boxes(job: &PipelineJob, path: &Path) -> Result<Vec<String>, IoError> {
+    let boxes = training_boxes(job, path)?;
+    let (views, _) = training_views(job)?;
+    usable_boxes(&views, &boxes, &box_options(job)).map_err(|e| {
+        let advice =
+            "instgs-vk masks --boxes with --out draws what becomes of boxes; docs/guide.md says how they are given";
+        IoError::new(path, e.to_string()).advise(advice)
+    })
 }
 
 /// Reads the boxes that a job's masks are made from. Boxes in photos of test views are left out: training must not know

@@ -6,7 +6,7 @@ use instgs_io::{IoError, MaskFolder, View, read_groups};
 
 use super::job::PipelineJob;
 use super::label_gaussians::{is_segmented, training_views};
-use super::make_masks::training_boxes;
+use super::make_masks::check_boxes;
 use super::mask_source::MaskSource;
 
 /// Upper bound of the view names in a line; of more views it gives the number.
@@ -28,7 +28,7 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
     let source = MaskSource::of(job)?;
     if let MaskSource::Boxes(path) = &source {
         // Boxes become masks only once there is a cloud.
-        return training_boxes(job, path).map(|_| Vec::new());
+        return check_boxes(job, path);
     }
     let folder = source.folder(job);
     let (views, _) = training_views(job)?;

@@ -9,6 +9,7 @@ mod error;
 mod forecast;
 mod job;
 pub mod label_gaussians;
+mod made_masks;
 mod make_masks;
 mod mask_check;
 mod mask_source;

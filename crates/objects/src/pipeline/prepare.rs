@@ -10,17 +10,18 @@ use crate::register::InstanceRegistration;
 use crate::segment::ConsensusReport;
 use crate::template::GroupReport;
 use instgs_io::json::{read_json, write_json};
-use instgs_io::write_scene_file;
+use instgs_io::{IoError, write_scene_file};
 use instgs_vk::gpu::Gpu;
 
 use super::build_templates::{self, build_templates};
 use super::error::PipelineError;
 use super::job::PipelineJob;
-use super::label_gaussians::{label_gaussians, read_cloud};
+use super::label_gaussians::{CloudLabels, is_segmented, label_gaussians, read_cloud};
 use super::make_masks::masks_from_boxes;
 use super::mask_check::without_mask_line;
 use super::observer::Observer;
-use super::register_objects::{self, ObjectGroups, find_groups};
+use super::register_objects::{self, ObjectGroups, kept_or_found_groups};
+use super::run::joint_has_begun;
 use super::stage_kinds::Stage;
 use instgs_train::facts::StageTime;
 
@@ -34,7 +35,7 @@ pub struct Prepared {
     pub registration: Vec<InstanceRegistration>,
     /// Wall time of each stage.
     pub stages: Vec<StageTime>,
-    /// Number of Gaussians of the cloud that belong to no object.
+    /// Number of Gaussians of the scene's background: those of no object, and those of objects that no template shows.
     pub background: u64,
     /// Number of Gaussians of the cloud that were left out because they hardly contribute to any view.
     #[serde(default)]
@@ -71,13 +72,21 @@ impl Prepared {
 pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Prepared, PipelineError> {
     let report_path = job.folder().prepared();
     let initial = job.folder().initial_scene();
-    if job.resume && initial.is_file() && report_path.is_file() {
-        return Ok(read_json(&report_path)?);
-    }
     let cloud = read_cloud(&job.folder())?;
+    if job.resume && initial.is_file() && report_path.is_file() {
+        // Labels may be missing, and then nothing says that the cloud is another.
+        if !is_segmented(&job.folder()) || CloudLabels::read(&job.folder(), cloud.background.len()).is_ok() {
+            return Ok(read_json(&report_path)?);
+        }
+        if joint_has_begun(&job.folder()) {
+            let error = IoError::new(&job.out, "its joint phase began with another plain cloud");
+            return Err(error.advise("put that one back (--init), or train into another folder").into());
+        }
+    }
     let boxes = masks_from_boxes(gpu, job, &cloud, observer)?;
     let labels = label_gaussians(gpu, job, &cloud, observer)?;
-    let ObjectGroups { groups, registration, stages: registering } = find_groups(gpu, job, &cloud, &labels, observer)?;
+    let ObjectGroups { groups, registration, stages: registering } =
+        kept_or_found_groups(gpu, job, &cloud, &labels, observer)?;
     let clock = Stage::Merge.begin(observer)?;
     let merged = build_templates(&cloud, &labels, &groups, &job.config)?;
     write_scene_file(&initial, &merged.scene)?;

@@ -1,10 +1,14 @@
 //! Groups of objects that are alike, with the pose of each: from groups.json, or by registering the masks' objects.
 
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, Verdict, polished, register};
-use instgs_io::{read_groups, write_groups};
+use instgs_io::json::{read_json, write_json};
+use instgs_io::{IoError, RunFolder, read_groups, write_groups};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::{InstancedScene, PosedGroup};
 
@@ -51,6 +55,50 @@ pub fn find_groups(
     };
     write_groups(&job.folder().groups(), &found.groups)?;
     Ok(found)
+}
+
+/// How the objects of a run were registered; beside `groups.json`.
+#[derive(Serialize, Deserialize)]
+struct Registered {
+    objects: Vec<InstanceRegistration>,
+    stages: Vec<StageTime>,
+}
+
+/// [`find_groups`] of a whole run: one that resumes takes the groups that it has found before, as they stand in
+/// `groups.json`. Given groups are read again.
+///
+/// # Errors
+/// The same errors as [`find_groups`]; a file of the run folder that is damaged.
+pub(super) fn kept_or_found_groups(
+    gpu: &Arc<Gpu>,
+    job: &PipelineJob,
+    cloud: &InstancedScene,
+    segmented: &CloudLabels,
+    observer: &mut dyn Observer,
+) -> Result<ObjectGroups, PipelineError> {
+    let (folder, is_found) = (job.folder(), job.config.pipeline.groups.is_none());
+    let path = folder.registration();
+    if job.resume && is_found && path.is_file() && folder.groups().is_file() {
+        let Registered { objects: registration, stages } = read_json(&path)?;
+        return Ok(ObjectGroups { groups: read_groups(&folder.groups())?, registration, stages });
+    }
+    forget_groups(&folder)?;
+    let found = find_groups(gpu, job, cloud, segmented, observer)?;
+    // Last: with this file the groups count as found.
+    write_json(&path, &Registered { objects: found.registration.clone(), stages: found.stages.clone() })?;
+    Ok(found)
+}
+
+/// Has a run that resumes find its groups again.
+///
+/// # Errors
+/// A file that cannot be removed.
+pub(super) fn forget_groups(folder: &RunFolder) -> Result<(), IoError> {
+    let path = folder.registration();
+    match std::fs::remove_file(&path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => Err(IoError::os(&path, "cannot remove", &e)),
+        _ => Ok(()),
+    }
 }
 
 /// Refines the poses of given groups on the cloud's objects; scales are free if the configuration refines them.

@@ -10,6 +10,7 @@ use super::config::{ConfigBuilder, RunConfig};
 use super::error::PipelineError;
 use super::job::PipelineJob;
 use super::label_gaussians::is_segmented;
+use super::made_masks::check_same_origin;
 use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
@@ -346,7 +347,7 @@ pub fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
     let of_templates = earlier.pipeline.groups.as_ref().map(|_| "joint.refine_poses");
     let is_free = |key: &str| OF_JOINT_PHASE.iter().any(|free| key.starts_with(free)) && of_templates != Some(key);
     let changed = earlier.differences(&job.config)?.into_iter().find(|(key, ..)| !is_free(key));
-    let Some((key, was, now)) = changed else { return Ok(()) };
+    let Some((key, was, now)) = changed else { return Ok(check_same_origin(job)?) };
     let what = format!("its objects were found with {key} = {was}, and it cannot continue with {now}");
     Err(IoError::new(&job.out, what).advise("leave that value, or train into another folder").into())
 }

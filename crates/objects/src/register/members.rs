@@ -13,7 +13,7 @@ use super::outcome::target_from_reference;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
 use super::spread::{PoseUncertainty, Spread};
-use super::together::{Member, best_rival, common_axis, half_turned, refine_together, stand_upright};
+use super::together::{Member, Rival, common_axis, half_turned, refine_together, rivals_of, stand_upright};
 
 /// From this many members on, all others together are better evidence than the reference alone.
 const ENOUGH: usize = 3;
@@ -72,9 +72,9 @@ impl<'a> Group<'a> {
         let rival = |(k, member): (usize, &Aligned<'_>)| {
             let turned = axis.map(|axis| half_turned(&all[k + 1].pose, axis));
             let starts: Vec<Pose> = member.decision.rivals.iter().copied().chain(turned).collect();
-            best_rival(all, k + 1, &starts, scale)
+            rivals_of(all, k + 1, &starts, scale)
         };
-        let rivals: Vec<Option<(Pose, f64)>> = self.members.par_iter().enumerate().map(rival).collect();
+        let rivals: Vec<Vec<Rival>> = self.members.par_iter().enumerate().map(rival).collect();
         if self.take_better(rivals, check, options.min_margin)? {
             refine_together(&mut self.placed, upright, scale);
         }
@@ -89,37 +89,67 @@ impl<'a> Group<'a> {
         Ok(uncertainties(&self.placed, &costs, Spread { axis: upright, allow_scale: scale, min_margin, seed }))
     }
 
-    /// Replaces poses by rivals that fit better by surface (the ratio of costs given), colours and pictures together,
-    /// and marks those as ambiguous whose rivals fit about as well. True if any pose was replaced.
+    /// Replaces poses by rivals that fit better by surface, colours and pictures together, and marks those as ambiguous
+    /// whose rivals fit about as well. Of several rivals of a member the best by all of these counts: by its surface alone
+    /// another may look better. True if any pose was replaced.
     fn take_better(
         &mut self,
-        rivals: Vec<Option<(Pose, f64)>>,
+        rivals: Vec<Vec<Rival>>,
         mut check: Option<&mut (dyn PoseCheck + '_)>,
         min_margin: f64,
     ) -> Result<bool, RegisterError> {
         let (mut any, count) = (false, self.members.len());
-        for ((member, place), rival) in self.members.iter_mut().zip(&mut self.placed[1..]).zip(rivals) {
-            let Some((pose, ratio)) = rival else { continue };
+        for ((member, place), rivals) in self.members.iter_mut().zip(&mut self.placed[1..]).zip(rivals) {
             let pair = ObjectPair { reference: self.reference, target: member.surface };
-            let colors = [place.pose, pose].map(|pose| unexplained_color(pair.reference, pair.target, &pose));
-            let mut ratio = doubt_ratio(ratio, colors, None);
-            let mut seen = None;
-            if ratio < WORTH_PICTURES {
-                seen = pictures(check.as_deref_mut(), pair, [place.pose, pose])?;
-                ratio = doubt_ratio(ratio, [0.0; 2], seen);
+            let mut best: Option<Judged> = None;
+            for rival in rivals {
+                let judged = judge(check.as_deref_mut(), pair, &place.pose, rival)?;
+                if best.as_ref().is_none_or(|best| judged.ratio < best.ratio) {
+                    best = Some(judged);
+                }
             }
+            let Some(Judged { pose, ratio, agreement }) = best else { continue };
             let decision = &mut member.decision;
+            // A doubt of before is of the reference alone; enough others are better evidence.
+            let settles = count >= ENOUGH && matches!(decision.certainty, Certainty::Ambiguous(_));
             if ratio * (1.0 + min_margin) < 1.0 {
                 (place.pose, any) = (pose, true);
-                decision.agreement = seen.map(|[_, rival]| rival).or(decision.agreement);
+                decision.agreement = agreement.or(decision.agreement);
+                if settles {
+                    decision.certainty = Certainty::Certain;
+                }
             } else if ratio < 1.0 + min_margin {
                 doubt(self.reference, decision, &place.pose.inverse().after(&pose), ratio - 1.0);
-            } else if count >= ENOUGH && matches!(decision.certainty, Certainty::Ambiguous(_)) {
+            } else if settles {
                 decision.certainty = Certainty::Certain;
             }
         }
         Ok(any)
     }
+}
+
+/// A rival pose of a member, compared with the present one.
+struct Judged {
+    pose: Pose,
+    /// Badness relative to the present pose; see [`doubt_ratio`].
+    ratio: f64,
+    /// Agreement with the pictures, if they were compared.
+    agreement: Option<Agreement>,
+}
+
+/// Compares a rival with the `present` pose by colours and, if these leave it in the running, by pictures.
+fn judge(
+    check: Option<&mut (dyn PoseCheck + '_)>,
+    pair: ObjectPair<'_>,
+    present: &Pose,
+    rival: Rival,
+) -> Result<Judged, RegisterError> {
+    let poses = [*present, rival.pose];
+    let colors = poses.map(|pose| unexplained_color(pair.reference, pair.target, &pose));
+    let ratio = doubt_ratio(rival.surface, colors, None);
+    let seen = if ratio < WORTH_PICTURES { pictures(check, pair, poses)? } else { None };
+    let ratio = doubt_ratio(ratio, [0.0; 2], seen);
+    Ok(Judged { pose: rival.pose, ratio, agreement: seen.map(|[_, rival]| rival) })
 }
 
 /// Agreement of pictures for two poses of (reference, target); `None` if no view shows the target.

@@ -78,6 +78,9 @@ fn plane_normal(points: &[DVec3]) -> Option<DVec3> {
 
 /// Covariance of points; NaN without points.
 pub(super) fn covariance(points: &[DVec3]) -> [[f64; 3]; 3] {
+    if points.is_empty() {
+        return [[f64::NAN; 3]; 3];
+    }
     let count = points.len() as f64;
     let mean = points.iter().sum::<DVec3>() / count;
     let mut out = [[0.0; 3]; 3];

@@ -33,6 +33,15 @@ pub(super) struct Member<'a> {
     pub pose: Pose,
 }
 
+/// Another pose that an object might have.
+#[derive(Clone, Copy)]
+pub(super) struct Rival {
+    /// Maps the group's frame to the object's local frame.
+    pub pose: Pose,
+    /// Its surface cost relative to that of the present pose; below 1 it fits better.
+    pub surface: f64,
+}
+
 /// Refines the poses of `members`; the first is the reference and keeps the identity. Upright members are turned about
 /// `axis` only.
 pub(super) fn refine_together(members: &mut [Member<'_>], axis: Option<DVec3>, allow_scale: bool) {
@@ -71,11 +80,11 @@ pub(super) fn half_turned(pose: &Pose, up: DVec3) -> Pose {
     Pose { rotation, translation: -(rotation * pose.apply_inverse(DVec3::ZERO)) * pose.scale, ..*pose }
 }
 
-/// The best of other poses of the k-th object, refined against all other objects, with its cost relative to the present
-/// pose's. The union of all objects tells poses apart that one partly seen object does not. Rivals get all steps of
-/// refinement, since costs differ by less than the last step gains. `None` without another object or pose.
-pub(super) fn best_rival(members: &[Member<'_>], k: usize, starts: &[Pose], allow_scale: bool) -> Option<(Pose, f64)> {
-    let model = model_without(members, k, |i| all_of(&members[i]))?;
+/// Other poses of the k-th object, refined against all other objects, each with its cost relative to the present pose's.
+/// The union of all objects tells poses apart that one partly seen object does not. Rivals get all steps of refinement,
+/// since costs differ by less than the last step gains. Empty without another object or pose.
+pub(super) fn rivals_of(members: &[Member<'_>], k: usize, starts: &[Pose], allow_scale: bool) -> Vec<Rival> {
+    let Some(model) = model_without(members, k, |i| all_of(&members[i])) else { return Vec::new() };
     let Member { surface, pose } = members[k];
     let cost = |pose: &Pose| mean_distance(&model, &surface.levels[BASE], pose);
     let refined = |start: &Pose| {
@@ -88,9 +97,8 @@ pub(super) fn best_rival(members: &[Member<'_>], k: usize, starts: &[Pose], allo
     };
     // The present pose is refined in the same way: with the up axis enforced it may fit worse than a free rival.
     let own = cost(&pose).min(refined(&pose).1);
-    let rivals = starts.iter().map(refined).map(|(pose, cost)| (pose, cost / own));
-    let rivals = rivals.filter(|(_, ratio)| ratio.is_finite());
-    rivals.min_by(|a, b| a.1.total_cmp(&b.1))
+    let rivals = starts.iter().map(refined).map(|(pose, cost)| Rival { pose, surface: cost / own });
+    rivals.filter(|rival| rival.surface.is_finite()).collect()
 }
 
 /// Finest points of an object, local frame.

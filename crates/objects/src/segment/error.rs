@@ -42,13 +42,29 @@ pub enum SegmentError {
         /// Number of objects found.
         count: usize,
     },
+    /// Boxes without ids show more objects than there are ids above those of the other boxes.
+    #[error(
+        "boxes without ids show {wanted} objects, and {free} ids are free above those that boxes have; give boxes lower ids"
+    )]
+    NoFreeIds {
+        /// Number of objects without an id.
+        wanted: usize,
+        /// Number of ids above the largest in use.
+        free: usize,
+    },
     /// No view has a mask with an object.
     #[error("no view has a mask with an object in it; check that the masks' names are those of the images")]
     NoMasks,
     /// None of the boxes can be used.
-    #[error("no box is in the world or in one of the views{}", first_of(.notes))]
+    #[error("no box is of an object in the world or in the views{}", first_of(.notes))]
     NoBoxes {
         /// One note per box that was left out, with the reason.
+        notes: Vec<String>,
+    },
+    /// No Gaussian of the cloud belongs to an object of the boxes.
+    #[error("no Gaussian is in a box of an object{}", first_of(.notes))]
+    NothingInBoxes {
+        /// One note per object, with the reason.
         notes: Vec<String>,
     },
     /// Boxes overlap in more ways than there are ids.

@@ -131,7 +131,10 @@ pub(super) fn common(patterns: &[&Picture]) -> Picture {
         }
         let color = there().map(|p| p.color).sum::<Vec3>() / count as f32;
         let variance = there().map(|p| p.color.distance_squared(color)).sum::<f32>() / count as f32;
-        Pixel { color, depth: patterns[0].pixels[i].depth, weight: HALF_VARIANCE / (variance + HALF_VARIANCE) }
+        // Where the first shows nothing, as behind a window, its depth says nothing.
+        let own = patterns[0].pixels[i];
+        let depth = if own.weight > 0.0 { own.depth } else { there().map(|p| p.depth).sum::<f32>() / count as f32 };
+        Pixel { color, depth, weight: HALF_VARIANCE / (variance + HALF_VARIANCE) }
     };
     Picture { size: patterns[0].size, pixels: (0..even[0].len()).map(pixel).collect() }
 }

@@ -76,7 +76,9 @@ pub(super) fn leave_out_far(cloud: &Gaussians, labels: &mut [u16]) -> usize {
         let along = |k: usize| own.iter().map(|&i| f64::from(cloud.means[i][k])).collect::<Vec<f64>>();
         let middle = DVec3::from_array([0, 1, 2].map(|k| median(&along(k))));
         let distances: Vec<f64> = own.iter().map(|&i| widened(cloud.means[i]).distance(middle)).collect();
-        let limit = FAR * median(&distances);
+        // Where most are at one point, no distance is far.
+        let usual = median(&distances);
+        let limit = if usual > 0.0 { FAR * usual } else { f64::INFINITY };
         for (&i, _) in own.iter().zip(&distances).filter(|(_, distance)| **distance > limit) {
             labels[i] = 0;
             far += 1;

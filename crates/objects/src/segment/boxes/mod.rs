@@ -77,6 +77,15 @@ pub struct BoxMasks {
     pub report: BoxReport,
 }
 
+/// Checks boxes before there is a cloud: places them in the views and groups those without ids into objects. Returns notes
+/// about boxes that are left out.
+///
+/// # Errors
+/// Options out of range; no usable box; more objects than ids.
+pub fn usable_boxes(views: &[View], boxes: &Boxes, options: &BoxOptions) -> Result<Vec<String>, SegmentError> {
+    Ok(Found::new(views, boxes, options)?.report.notes)
+}
+
 /// Labels a plain cloud by boxes and draws the mask of every view. `sink` receives the masks in order, with the index
 /// of the view; they have the size and lens distortion of the view's photo, as [`instgs_io::MaskFolder`] reads them.
 /// For an object with a box in the world, its boxes in photos are ignored. `progress` is called after each view. Both
@@ -84,7 +93,7 @@ pub struct BoxMasks {
 ///
 /// # Errors
 /// A cloud that has instances or does not fit on the device; a camera that cannot be rendered; options out of range; no
-/// usable box; more objects than ids; errors of `sink` and `progress`.
+/// usable box, or none with a Gaussian; more objects than ids; errors of `sink` and `progress`.
 pub fn masks_from_boxes<E: From<SegmentError>>(
     gpu: &Arc<Gpu>,
     cloud: &InstancedScene,
@@ -99,6 +108,10 @@ pub fn masks_from_boxes<E: From<SegmentError>>(
     let sweeps = if found.placed.has_boxes() { 2 * views.len() } else { 0 };
     let total = sweeps + views.len();
     let labels = found.labels(gpu, cloud, boxes, options, |done| progress(LabelProgress { done, total }))?;
+    if labels.iter().all(|&label| label == 0) {
+        let notes = found.report.objects.iter().filter_map(nothing_note).chain(found.report.notes).collect();
+        return Err(SegmentError::NothingInBoxes { notes }.into());
+    }
     let views_of_id = draw_masks(gpu, cloud, &labels, views, options.width, &options.render, |view, mask| {
         sink(view, mask)?;
         progress(LabelProgress { done: sweeps + view + 1, total })
@@ -136,8 +149,9 @@ impl Found {
         let in_photos = boxes.views.values().flatten().filter_map(|b| b.id);
         let first_id = in_world.iter().copied().chain(in_photos).max().unwrap_or(0) + 1;
         let joined = join(&mut placed, first_id);
-        if first_id as usize + joined.objects > usize::from(u16::MAX) + 1 {
-            return Err(SegmentError::TooManyObjects { count: first_id as usize - 1 + joined.objects });
+        let free = (usize::from(u16::MAX) + 1).saturating_sub(first_id as usize);
+        if joined.objects > free {
+            return Err(SegmentError::NoFreeIds { wanted: joined.objects, free });
         }
         report.notes.extend(left_note(&joined));
         for object in &boxes.objects {
@@ -148,6 +162,9 @@ impl Found {
             let source = if id >= first_id { BoxSource::Joined } else { BoxSource::Photos };
             let category = most_frequent(of_object.iter().filter_map(|(_, b)| b.category.as_ref()));
             report.objects.push(reported(id, category, source, of_object.len()));
+        }
+        if report.objects.is_empty() {
+            return Err(SegmentError::NoBoxes { notes: report.notes });
         }
         report.objects.sort_by_key(|object| object.id);
         Ok(Self { placed, report })
