@@ -167,15 +167,22 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
     let text = String::from_utf8(text).unwrap();
     assert!(text.contains("steps = 120") && text.contains("240") && text.contains("another folder"), "{text}");
     assert!(configs() == before);
-    // Without labels there are no stages to keep, but the plain cloud is.
-    let labels = at.join("b/labels.safetensors");
-    let kept = fs::read(&labels).unwrap();
-    fs::remove_file(&labels).unwrap();
+    // Without labels the templates are there still, and without these there are no stages to keep, but the plain cloud is.
+    let of_stages = ["b/labels.safetensors", "b/prepared.json", "b/initial.instgs"].map(|path| at.join(path));
+    let kept = of_stages.each_ref().map(|path| fs::read(path).unwrap());
+    fs::remove_file(&of_stages[0]).unwrap();
+    let text = resume(["--set", "segment.alpha=0.5"]).assert().code(1).get_output().stderr.clone();
+    assert!(String::from_utf8(text).unwrap().contains("its objects were found with segment.alpha"));
+    // Without their report, templates are those of stages that were done one by one.
+    fs::remove_file(&of_stages[1]).unwrap();
+    let text = resume(["--joint-steps", "70"]).assert().code(1).get_output().stderr.clone();
+    assert!(String::from_utf8(text).unwrap().contains("was begun stage by stage"));
+    fs::remove_file(&of_stages[2]).unwrap();
     let text = resume(["--set", "rates.opacity=0.04"]).assert().code(1).get_output().stderr.clone();
     let text = String::from_utf8(text).unwrap();
     assert!(text.contains("plain cloud was trained with rates.opacity = 0.025") && text.contains("0.04"), "{text}");
     assert!(configs() == before);
-    fs::write(&labels, kept).unwrap();
+    of_stages.iter().zip(kept).for_each(|(path, bytes)| fs::write(path, bytes).unwrap());
     resume(["--joint-steps", "70"]).assert().success();
     assert_eq!(json(at.join("b/report.json"))["steps"], 70);
     // Poses and offsets are in the checkpoint.

@@ -167,10 +167,14 @@ fn stages_name_what_they_cannot_use() {
     has_all(&error_of(&mut folder.merge("segments", "data/groups.json", "y.ply")), &["y.ply", ".instgs"]);
     // Labels of another cloud.
     fs::copy(folder.path("x.instgs"), folder.path("segments/scene.instgs")).unwrap();
-    let mut cloud = folder.scene("segments/point_cloud.ply").background;
-    cloud = cloud.filtered(|i| i > 0);
-    instgs_io::write_ply(&folder.path("segments/point_cloud.ply"), &cloud, PixelFilter::default()).unwrap();
-    has_all(&error_of(&mut folder.register("segments", "g.json")), &["labels.safetensors", "Gaussians"]);
+    let cloud = folder.scene("segments/point_cloud.ply").background;
+    let mut moved = cloud.clone();
+    moved.means[0][0] += 1.0;
+    for other in [cloud.filtered(|i| i > 0), moved] {
+        instgs_io::write_ply(&folder.path("segments/point_cloud.ply"), &other, PixelFilter::default()).unwrap();
+        let text = error_of(&mut folder.register("segments", "g.json"));
+        has_all(&text, &["labels.safetensors", "another point_cloud.ply"]);
+    }
 }
 
 /// A damaged mask, as bytes, and what the error says besides its name.

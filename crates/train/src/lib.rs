@@ -44,6 +44,6 @@ pub use finish::{FinishJob, Finished, finish};
 pub use observer::{TrainMessage, TrainObserver};
 pub use same_data::check_finished;
 pub use sensitivity::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras, write_small};
-pub use start::{leave_out_masked, read_dataset, unused_masks};
+pub use start::{leave_out_masked, no_training_views, read_dataset, unused_masks};
 pub use trainer::{TrainJob, Trained, train};
 pub use view_pictures::{eval_options, evaluate_test_views};

@@ -55,6 +55,12 @@ pub(super) struct Resumed {
     warnings: Vec<String>,
 }
 
+/// The error for a data set whose views are all held out.
+pub fn no_training_views(folder: &Path) -> IoError {
+    let error = IoError::new(folder, "has no training views");
+    error.advise("its camera files hold out all views: let them name some to train on")
+}
+
 /// Finds the newest undamaged checkpoint of the run folder, if the job resumes and there is one.
 ///
 /// # Errors
@@ -116,8 +122,7 @@ pub(super) fn read_data(folder: &Path, config: &TrainConfig, needs_points: bool)
     let of = |split| -> Vec<View> { Dataset::split(&dataset, split).cloned().collect() };
     let (train, test) = (of(Split::Train), of(Split::Test));
     if train.is_empty() {
-        let error = IoError::new(folder, "has no training views");
-        return Err(error.advise("its camera files hold out all views: let them name some to train on").into());
+        return Err(no_training_views(folder).into());
     }
     let mut warnings = dataset.notes;
     let points = match read_points(folder) {

@@ -13,7 +13,7 @@ use instgs_io::{IoError, MaskFolder, Split, View, read_groups, read_points};
 use instgs_train::config::{Init, Method};
 use instgs_train::facts::MemoryUse;
 use instgs_train::memory::planned_uses;
-use instgs_train::{read_dataset, unused_masks};
+use instgs_train::{no_training_views, read_dataset, unused_masks};
 use instgs_vk::scene::PosedGroup;
 
 /// What a run would use; see [`forecast`].
@@ -112,7 +112,7 @@ pub fn forecast(job: &PipelineJob, heap_bytes: u64) -> Result<Forecast, Pipeline
     let sizes: Vec<[u32; 2]> = cameras.iter().map(|camera| [camera.width, camera.height]).collect();
     let area = |size: &&[u32; 2]| u64::from(size[0]) * u64::from(size[1]);
     let (Some(smallest), Some(largest)) = (sizes.iter().min_by_key(area), sizes.iter().max_by_key(area)) else {
-        return Err(IoError::new(&job.data, "has no training views").into());
+        return Err(no_training_views(&job.data).into());
     };
     let mut notes = dataset.notes.clone();
     notes.extend(unused_masks(&job.data, config, &dataset.views));

@@ -26,7 +26,7 @@ const BELOW_PART: f64 = 3.0;
 /// of the Gaussians in the fullest layer that is as thick, from [`BELOW`] below to as far above.
 const FULL_PART: f64 = 0.25;
 /// Another object can stand in the box, a table over a chair. Then the object must be found nearly whole ...
-const WHOLE: f64 = 0.8;
+const WHOLE: f64 = 0.85;
 /// ... and explain more than this part of the points there.
 const MOSTLY: f64 = 0.6;
 

@@ -14,6 +14,10 @@ use crate::register::surface::Surface;
 
 /// Largest distance of matched points in each step, base voxels, decreasing.
 const REACHES: [f64; 12] = [6.0, 6.0, 5.0, 4.0, 3.0, 3.0, 2.5, 2.0, 2.0, 1.5, 1.5, 1.5];
+/// The steps after these, for candidates that may be repetitions: points slide along surfaces a little in each.
+const LAST_REACHES: [f64; 24] = [1.5; 24];
+/// A candidate may be a repetition above this part of the score that it needs.
+const NEARLY: f64 = 0.9;
 /// Number of these steps that use fewer points, to choose the candidates for the others.
 const COARSE: usize = 6;
 /// Number of candidates that get all steps.
@@ -74,7 +78,10 @@ pub(super) fn refined(
     let found = distinct(found, SAME_PLACE * surface.size, MOST_FINE);
     let fine = |place: &Place| {
         let level = LevelPoints::finest(selected);
-        let pose = settled(selected, level, place.pose, &REACHES[COARSE..], allow_scale);
+        let mut pose = settled(selected, level, place.pose, &REACHES[COARSE..], allow_scale);
+        if agreement(selected, level, &pose).score() > NEARLY * options.min_score {
+            pose = settled(selected, level, pose, &LAST_REACHES, allow_scale);
+        }
         Candidate { pose, agreement: agreement(selected, level, &pose), own: explained(selected, &pose) }
     };
     in_blocks(&found, fine, steps)
