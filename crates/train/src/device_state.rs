@@ -73,27 +73,19 @@ pub fn most_in_training(caps: &DeviceCaps, sh_degree: u32) -> u32 {
     (most - most % 1024).min(u64::from(u32::MAX)) as u32
 }
 
-/// Refuses what several instances or templates would write the gradients of at once.
-fn check_unshared(scene: &InstancedScene) -> Result<(), SceneError> {
-    let fail = |tensor: &str, reason: String| Err(SceneError { tensor: tensor.into(), reason });
-    if let Some(t) = (0..scene.template_ranges.len()).find(|&t| scene.shares_gaussians(t)) {
-        return fail(
-            "template.range",
-            format!("template {t} shares Gaussians with another, and training wants them apart"),
-        );
-    }
-    if scene.shares_offsets() {
-        return fail("instance.first_offset", "instances share offset records, and training wants them apart".into());
-    }
-    Ok(())
+/// Refuses Gaussians that several templates would write the gradients of at once.
+fn check_templates(scene: &InstancedScene) -> Result<(), SceneError> {
+    let Some(t) = (0..scene.template_ranges.len()).find(|&t| scene.shares_gaussians(t)) else { return Ok(()) };
+    let reason = format!("template {t} shares Gaussians with another, and training wants them apart");
+    Err(SceneError { tensor: "template.ranges".into(), reason })
 }
 
 impl DeviceState {
-    /// Uploads a scene, with moments of zero. Own Gaussians that instances share are copied, so that each learns its own.
+    /// Uploads a scene, with moments of zero. Own Gaussians that instances share are copied, so that each learns its own; gradients
+    /// of offset records that they share would be those of any of them (see `InstancedScene::with_unshared_offsets`).
     ///
     /// # Errors
-    /// An inconsistent scene, one whose templates share Gaussians or whose instances share offset records, or one beyond the
-    /// device's limits.
+    /// An inconsistent scene, one whose templates share Gaussians, or one beyond the device's limits.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         let sh_degree = scene.templates.sh_degree.max(scene.background.sh_degree);
         let limit = u64::from(most_in_training(gpu.caps(), sh_degree));
@@ -103,7 +95,7 @@ impl DeviceState {
         if needed > limit {
             return Err(RenderError::TooMany { what: "Gaussians in training", needed, limit });
         }
-        check_unshared(scene)?;
+        check_templates(scene)?;
         let scene = &scene.with_packed_own();
         let device_scene = DeviceScene::unbounded(gpu, scene, chunk_size)?;
         let layout = SourceLayout::of(scene);

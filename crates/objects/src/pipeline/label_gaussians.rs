@@ -130,8 +130,15 @@ impl CloudLabels {
     }
 }
 
+/// True if the labels in a folder are of another cloud than the one beside them; false if nothing says so.
+pub(super) fn are_of_another_cloud(folder: &RunFolder) -> bool {
+    let labels = Checkpoint::read(&folder.labels()).ok();
+    let print = labels.and_then(|mut file| file.metadata.remove(CLOUD_PRINT));
+    print.is_some_and(|print| print_of(&folder.point_cloud()).is_ok_and(|now| now != print))
+}
+
 /// Length and hash of a cloud's file, as text.
-fn print_of(cloud: &Path) -> Result<String, IoError> {
+pub(super) fn print_of(cloud: &Path) -> Result<String, IoError> {
     let FilePrint { bytes, hash, .. } = FilePrint::of(cloud)?;
     Ok(format!("{bytes} {hash}"))
 }

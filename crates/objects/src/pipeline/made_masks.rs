@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::DetectConfig;
 use super::job::PipelineJob;
+use super::label_gaussians::print_of;
 use super::mask_source::made_masks;
 use super::stage_kinds::Stage;
 use instgs_io::fingerprint::FilePrint;
@@ -21,8 +22,8 @@ use instgs_train::facts::StageTime;
 enum MaskOrigin {
     /// Detection of words.
     Words { prompt: String, models: PathBuf, detect: DetectConfig },
-    /// A `boxes.json`, by its length and hash.
-    Boxes { bytes: u64, hash: String },
+    /// A `boxes.json`, by its length and hash, and the plain cloud of the run, by its print.
+    Boxes { bytes: u64, hash: String, cloud: Option<String> },
 }
 
 impl MaskOrigin {
@@ -37,10 +38,20 @@ impl MaskOrigin {
             }),
             (None, Some(path)) => {
                 let FilePrint { bytes, hash, .. } = FilePrint::of(path)?;
-                Some(Self::Boxes { bytes, hash })
+                Some(Self::Boxes { bytes, hash, cloud: print_of(&job.folder().point_cloud()).ok() })
             }
             (None, None) => None,
         })
+    }
+
+    /// True for the same words, or the same boxes whatever the cloud.
+    fn is_of_same_input(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Boxes { bytes, hash, .. }, Self::Boxes { bytes: of_other, hash: hash_of_other, .. }) => {
+                (bytes, hash) == (of_other, hash_of_other)
+            }
+            _ => self == other,
+        }
     }
 }
 
@@ -74,8 +85,7 @@ impl MadeMasks {
         // The last files of the stage: of boxes the first, of words the second.
         let last = [folder.join(CATEGORIES), folder.join(instgs_detect::BOXES)];
         if let Some(origin) = MaskOrigin::of(job)?.filter(|_| job.resume) {
-            if path.is_file() {
-                let made: Self = read_json(&path)?;
+            if let Some(made) = Self::noted(job)? {
                 if made.origin == origin {
                     return Ok(Some(made));
                 }
@@ -84,10 +94,19 @@ impl MadeMasks {
             }
         }
         // What is left of others would count as complete if this run is stopped.
-        for path in [path].into_iter().chain(last).filter(|path| path.is_file()) {
+        for path in last.into_iter().chain([path]).filter(|path| path.is_file()) {
             std::fs::remove_file(&path).map_err(|e| IoError::os(&path, "cannot remove", &e))?;
         }
         Ok(None)
+    }
+
+    /// What was noted of the masks of the job's folder, whatever they were made from.
+    ///
+    /// # Errors
+    /// A damaged file.
+    pub(super) fn noted(job: &PipelineJob) -> Result<Option<Self>, IoError> {
+        let path = Self::path(&job.folder());
+        if path.is_file() { Ok(Some(read_json(&path)?)) } else { Ok(None) }
     }
 
     /// Notes what the masks of the job were made from, once they are complete.
@@ -105,11 +124,10 @@ impl MadeMasks {
 /// # Errors
 /// The file of boxes has changed; a damaged file beside the masks.
 pub(super) fn check_same_origin(job: &PipelineJob) -> Result<(), IoError> {
-    let path = MadeMasks::path(&job.folder());
-    let (Some(boxes), true) = (&job.config.pipeline.boxes, path.is_file()) else { return Ok(()) };
+    let (Some(boxes), Some(made)) = (&job.config.pipeline.boxes, MadeMasks::noted(job)?) else { return Ok(()) };
     // Boxes that are not there any more are not needed any more.
     let Ok(origin) = MaskOrigin::of(job) else { return Ok(()) };
-    if origin.as_ref() == Some(&read_json::<MadeMasks>(&path)?.origin) {
+    if origin.is_some_and(|origin| origin.is_of_same_input(&made.origin)) {
         return Ok(());
     }
     let error = IoError::new(boxes, format!("has changed since the objects of {} were found by it", job.out.display()));
@@ -167,6 +185,12 @@ mod tests {
         MadeMasks::write(&job, &[], &stage)?;
         assert!(MadeMasks::kept(&job)?.is_some());
         check_same_origin(&job)?;
+        // Of another cloud they are other masks, and the same boxes.
+        std::fs::write(job.folder().point_cloud(), "ply")?;
+        check_same_origin(&job)?;
+        assert_eq!(MadeMasks::kept(&job)?, None);
+        MadeMasks::write(&job, &[], &stage)?;
+        assert!(MadeMasks::kept(&job)?.is_some());
         std::fs::write(&path, "{} ")?;
         let error = check_same_origin(&job).err().ok_or("taken")?.to_string();
         assert!(error.contains("b.json") && error.contains("has changed"), "{error}");

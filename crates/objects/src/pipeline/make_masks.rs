@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::error::PipelineError;
 use super::job::PipelineJob;
-use super::label_gaussians::training_views;
+use super::label_gaussians::{are_of_another_cloud, is_segmented, training_views};
 use super::made_masks::MadeMasks;
 use super::mask_source::{MaskSource, made_masks};
 use super::observer::{Message, Observer};
@@ -44,11 +44,10 @@ pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Resu
         }
     };
     let report = instgs_detect::masks_from_prompt(&photos, &prompt, &models, &options, &out, &mut done)?;
+    MadeMasks::write(job, &[], &clock.time())?;
     told?;
     observer.notify(Message::NamesFound(&report))?;
-    let stage = clock.end(observer)?;
-    MadeMasks::write(job, &[], &stage)?;
-    Ok(Some(stage))
+    Ok(Some(clock.end(observer)?))
 }
 
 /// Result of the masks from boxes.
@@ -71,16 +70,20 @@ pub(super) fn masks_from_boxes(
     observer: &mut dyn Observer,
 ) -> Result<Option<FoundByBoxes>, PipelineError> {
     let MaskSource::Boxes(path) = MaskSource::of(job)? else { return Ok(None) };
+    let found = |made: MadeMasks| FoundByBoxes { stage: made.stage(), notes: made.notes };
+    if job.resume && is_segmented(&job.folder()) && !are_of_another_cloud(&job.folder()) {
+        // Neither masks nor boxes are needed any more.
+        return Ok(MadeMasks::noted(job)?.map(found));
+    }
     if let Some(made) = MadeMasks::kept(job)? {
-        return Ok(Some(FoundByBoxes { stage: made.stage(), notes: made.notes }));
+        return Ok(Some(found(made)));
     }
     let clock = Stage::Masks.begin(observer)?;
     let (views, _) = training_views(job)?;
     let (boxes, options) = (training_boxes(job, &path)?, box_options(job));
     let report = write_masks_from_boxes(gpu, cloud, &views, &boxes, &options, &made_masks(job), observer)?;
-    let stage = clock.end(observer)?;
-    MadeMasks::write(job, &report.notes, &stage)?;
-    Ok(Some(FoundByBoxes { notes: report.notes, stage }))
+    MadeMasks::write(job, &report.notes, &clock.time())?;
+    Ok(Some(FoundByBoxes { notes: report.notes, stage: clock.end(observer)? }))
 }
 
 fn box_options(job: &PipelineJob) -> BoxOptions {

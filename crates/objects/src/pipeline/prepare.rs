@@ -2,6 +2,7 @@
 //! phase starts from. Each stage leaves a file in the run folder, and is skipped while that file exists. The stages are
 //! also commands of their own (`segment`, `register`, `merge`), which call the same functions.
 
+use std::io::ErrorKind;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,7 @@ use instgs_vk::gpu::Gpu;
 use super::build_templates::{self, build_templates};
 use super::error::PipelineError;
 use super::job::PipelineJob;
-use super::label_gaussians::{CloudLabels, is_segmented, label_gaussians, read_cloud};
+use super::label_gaussians::{are_of_another_cloud, label_gaussians, read_cloud};
 use super::make_masks::masks_from_boxes;
 use super::mask_check::without_mask_line;
 use super::observer::Observer;
@@ -74,14 +75,18 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
     let initial = job.folder().initial_scene();
     let cloud = read_cloud(&job.folder())?;
     if job.resume && initial.is_file() && report_path.is_file() {
-        // Labels may be missing, and then nothing says that the cloud is another.
-        if !is_segmented(&job.folder()) || CloudLabels::read(&job.folder(), cloud.background.len()).is_ok() {
+        if !are_of_another_cloud(&job.folder()) {
             return Ok(read_json(&report_path)?);
         }
         if joint_has_begun(&job.folder()) {
             let error = IoError::new(&job.out, "its joint phase began with another plain cloud");
             return Err(error.advise("put that one back (--init), or train into another folder").into());
         }
+    }
+    // Templates without their report are not taken for those of the labels to come.
+    match std::fs::remove_file(&report_path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => return Err(IoError::os(&report_path, "cannot remove", &e).into()),
+        _ => {}
     }
     let boxes = masks_from_boxes(gpu, job, &cloud, observer)?;
     let labels = label_gaussians(gpu, job, &cloud, observer)?;

@@ -57,6 +57,11 @@ pub(super) struct StageClock {
 }
 
 impl StageClock {
+    /// The wall time so far.
+    pub(super) fn time(&self) -> StageTime {
+        StageTime::since(self.stage.name(), self.start)
+    }
+
     /// Ends the stage and reports its wall time.
     pub(super) fn end(self, observer: &mut dyn Observer) -> Result<StageTime, IoError> {
         let time = StageTime::since(self.stage.name(), self.start);

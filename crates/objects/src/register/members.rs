@@ -21,6 +21,9 @@ const ENOUGH: usize = 3;
 /// back of one object differ by less.
 const WORTH_PICTURES: f64 = 1.25;
 
+/// Poses that are turned against each other by less are one, radians (10 degrees).
+const SAME_POSE: f64 = 0.17;
+
 /// A member and its pose relative to the reference.
 pub(super) struct Aligned<'a> {
     /// Surface points of the member.
@@ -101,14 +104,10 @@ impl<'a> Group<'a> {
         let (mut any, count) = (false, self.members.len());
         for ((member, place), rivals) in self.members.iter_mut().zip(&mut self.placed[1..]).zip(rivals) {
             let pair = ObjectPair { reference: self.reference, target: member.surface };
-            let mut best: Option<Judged> = None;
-            for rival in rivals {
-                let judged = judge(check.as_deref_mut(), pair, &place.pose, rival)?;
-                if best.as_ref().is_none_or(|best| judged.ratio < best.ratio) {
-                    best = Some(judged);
-                }
-            }
-            let Some(Judged { pose, ratio, agreement }) = best else { continue };
+            let judged = rivals.into_iter().map(|rival| judge(check.as_deref_mut(), pair, &place.pose, rival));
+            let mut judged = judged.collect::<Result<Vec<Judged>, RegisterError>>()?;
+            judged.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
+            let Some(&Judged { pose, ratio, agreement }) = judged.first() else { continue };
             let decision = &mut member.decision;
             // A doubt of before is of the reference alone; enough others are better evidence.
             let settles = count >= ENOUGH && matches!(decision.certainty, Certainty::Ambiguous(_));
@@ -117,6 +116,13 @@ impl<'a> Group<'a> {
                 decision.agreement = agreement.or(decision.agreement);
                 if settles {
                     decision.certainty = Certainty::Certain;
+                }
+                // Several rivals may have come to one pose.
+                let others = judged[1..].iter().filter(|other| other.pose.angle_to(&pose) > SAME_POSE);
+                if let Some(next) = others.min_by(|a, b| a.ratio.total_cmp(&b.ratio))
+                    && next.ratio < ratio * (1.0 + min_margin)
+                {
+                    doubt(self.reference, decision, &pose.inverse().after(&next.pose), next.ratio / ratio - 1.0);
                 }
             } else if ratio < 1.0 + min_margin {
                 doubt(self.reference, decision, &place.pose.inverse().after(&pose), ratio - 1.0);
@@ -129,6 +135,7 @@ impl<'a> Group<'a> {
 }
 
 /// A rival pose of a member, compared with the present one.
+#[derive(Clone, Copy)]
 struct Judged {
     pose: Pose,
     /// Badness relative to the present pose; see [`doubt_ratio`].
