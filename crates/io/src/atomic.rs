@@ -76,6 +76,17 @@ fn locked_in(folder: &Path, ending: &str) -> std::io::Result<NamedTempFile> {
     }
 }
 
+/// Removes a file if there is one.
+///
+/// # Errors
+/// The system refuses.
+pub fn remove_if_there(path: &Path) -> Result<(), IoError> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(IoError::os(path, "cannot remove", &e)),
+        _ => Ok(()),
+    }
+}
+
 /// Copies a file of moderate size, so that readers of the target see its old content or all of the new.
 ///
 /// # Errors
@@ -112,6 +123,19 @@ fn sweep(folder: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_not_there_is_removed_already() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("a");
+        std::fs::write(&path, "x")?;
+        remove_if_there(&path)?;
+        remove_if_there(&path)?;
+        assert!(!path.exists());
+        // A folder is no file: that is an error, which names it.
+        assert!(remove_if_there(folder.path()).is_err_and(|e| e.to_string().contains("cannot remove")));
+        Ok(())
+    }
 
     #[test]
     fn a_failed_write_leaves_the_old_file_and_no_temporary() -> Result<(), Box<dyn std::error::Error>> {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// State of the field.
+/// A text field for a path, which keeps a path that is no UTF-8 until the user changes the text.
 #[derive(Default)]
 pub(super) struct PathField {
     /// What the field shows, to be changed by the user.
@@ -21,7 +21,7 @@ impl PathField {
         self.text.is_empty()
     }
 
-    /// Empties the field.
+    /// Forgets text and path, so that the field begins with the next default.
     pub(super) fn clear(&mut self) {
         *self = Self::default();
     }

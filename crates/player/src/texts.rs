@@ -328,7 +328,6 @@ pub(super) const SAVE: &str = "Save";
 /// Work beside the picture.
 pub(super) const CANCELLED: &str = "cancelled";
 pub(super) const CANNOT_WRITE: &str = "cannot write";
-pub(super) const CANNOT_REMOVE: &str = "cannot remove";
 pub(super) const WRITER_BROKE: &str = "the thread that writes the file has failed";
 pub(super) const READER_BROKE: &str = "the thread that reads the file has failed";
 

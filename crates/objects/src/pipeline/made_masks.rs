@@ -13,14 +13,14 @@ use super::stage_kinds::Stage;
 use instgs_io::fingerprint::FilePrint;
 use instgs_io::json::{read_json, write_json};
 use instgs_io::masks::CATEGORIES;
-use instgs_io::{IoError, RunFolder};
+use instgs_io::{IoError, RunFolder, remove_if_there};
 use instgs_train::facts::StageTime;
 
 /// What masks are made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum MaskOrigin {
-    /// Detection of words.
+    /// Words that models detect in the photos, with these settings.
     Words { prompt: String, models: PathBuf, detect: DetectConfig },
     /// A `boxes.json`, by its length and hash, and the plain cloud of the run, by its print.
     Boxes { bytes: u64, hash: String, cloud: Option<String> },
@@ -55,7 +55,7 @@ impl MaskOrigin {
     }
 }
 
-/// Masks that a run made.
+/// What is noted beside the masks that a run has made itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct MadeMasks {
     origin: MaskOrigin,
@@ -94,9 +94,7 @@ impl MadeMasks {
             }
         }
         // What is left of others would count as complete if this run is stopped.
-        for path in last.into_iter().chain([path]).filter(|path| path.is_file()) {
-            std::fs::remove_file(&path).map_err(|e| IoError::os(&path, "cannot remove", &e))?;
-        }
+        last.iter().chain([&path]).try_for_each(|path| remove_if_there(path))?;
         Ok(None)
     }
 

@@ -2,7 +2,6 @@
 //! phase starts from. Each stage leaves a file in the run folder, and is skipped while that file exists. The stages are
 //! also commands of their own (`segment`, `register`, `merge`), which call the same functions.
 
-use std::io::ErrorKind;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -11,7 +10,7 @@ use crate::register::InstanceRegistration;
 use crate::segment::ConsensusReport;
 use crate::template::GroupReport;
 use instgs_io::json::{read_json, write_json};
-use instgs_io::{IoError, write_scene_file};
+use instgs_io::{IoError, remove_if_there, write_scene_file};
 use instgs_vk::gpu::Gpu;
 
 use super::build_templates::{self, build_templates};
@@ -21,7 +20,7 @@ use super::label_gaussians::{are_of_another_cloud, label_gaussians, read_cloud};
 use super::make_masks::masks_from_boxes;
 use super::mask_check::without_mask_line;
 use super::observer::Observer;
-use super::register_objects::{self, ObjectGroups, kept_or_found_groups};
+use super::register_objects::{self, ObjectGroups, find_groups, forget_groups, keep_groups, kept_groups};
 use super::run::joint_has_begun;
 use super::stage_kinds::Stage;
 use instgs_train::facts::StageTime;
@@ -84,14 +83,19 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
         }
     }
     // Templates without their report are not taken for those of the labels to come.
-    match std::fs::remove_file(&report_path) {
-        Err(e) if e.kind() != ErrorKind::NotFound => return Err(IoError::os(&report_path, "cannot remove", &e).into()),
-        _ => {}
-    }
+    remove_if_there(&report_path)?;
     let boxes = masks_from_boxes(gpu, job, &cloud, observer)?;
     let labels = label_gaussians(gpu, job, &cloud, observer)?;
-    let ObjectGroups { groups, registration, stages: registering } =
-        kept_or_found_groups(gpu, job, &cloud, &labels, observer)?;
+    let found = match kept_groups(job)? {
+        Some(kept) => kept,
+        None => {
+            forget_groups(&job.folder())?;
+            let found = find_groups(gpu, job, &cloud, &labels, observer)?;
+            keep_groups(job, &found)?;
+            found
+        }
+    };
+    let ObjectGroups { groups, registration, stages: registering } = found;
     let clock = Stage::Merge.begin(observer)?;
     let merged = build_templates(&cloud, &labels, &groups, &job.config)?;
     write_scene_file(&initial, &merged.scene)?;

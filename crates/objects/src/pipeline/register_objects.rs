@@ -1,14 +1,13 @@
 //! Groups of objects that are alike, with the pose of each: from groups.json, or by registering the masks' objects.
 
 use std::collections::BTreeMap;
-use std::io::ErrorKind;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, Verdict, polished, register};
 use instgs_io::json::{read_json, write_json};
-use instgs_io::{IoError, RunFolder, read_groups, write_groups};
+use instgs_io::{IoError, RunFolder, read_groups, remove_if_there, write_groups};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::{InstancedScene, PosedGroup};
 
@@ -64,29 +63,28 @@ struct Registered {
     stages: Vec<StageTime>,
 }
 
-/// [`find_groups`] of a whole run: one that resumes takes the groups that it has found before, as they stand in
-/// `groups.json`. Given groups are read again.
+/// The groups that a whole run which resumes has found before, as they stand in `groups.json`; `None` if they are to be found.
+/// Given groups are read again.
 ///
 /// # Errors
-/// The same errors as [`find_groups`]; a file of the run folder that is damaged.
-pub(super) fn kept_or_found_groups(
-    gpu: &Arc<Gpu>,
-    job: &PipelineJob,
-    cloud: &InstancedScene,
-    segmented: &CloudLabels,
-    observer: &mut dyn Observer,
-) -> Result<ObjectGroups, PipelineError> {
-    let (folder, is_found) = (job.folder(), job.config.pipeline.groups.is_none());
+/// A file of the run folder that is damaged.
+pub(super) fn kept_groups(job: &PipelineJob) -> Result<Option<ObjectGroups>, IoError> {
+    let (folder, is_given) = (job.folder(), job.config.pipeline.groups.is_some());
     let path = folder.registration();
-    if job.resume && is_found && path.is_file() && folder.groups().is_file() {
-        let Registered { objects: registration, stages } = read_json(&path)?;
-        return Ok(ObjectGroups { groups: read_groups(&folder.groups())?, registration, stages });
+    if !job.resume || is_given || !path.is_file() || !folder.groups().is_file() {
+        return Ok(None);
     }
-    forget_groups(&folder)?;
-    let found = find_groups(gpu, job, cloud, segmented, observer)?;
-    // Last: with this file the groups count as found.
-    write_json(&path, &Registered { objects: found.registration.clone(), stages: found.stages.clone() })?;
-    Ok(found)
+    let Registered { objects: registration, stages } = read_json(&path)?;
+    Ok(Some(ObjectGroups { groups: read_groups(&folder.groups())?, registration, stages }))
+}
+
+/// Has a run that resumes keep groups that [`find_groups`] has written: with this file they count as found.
+///
+/// # Errors
+/// A file that cannot be written.
+pub(super) fn keep_groups(job: &PipelineJob, found: &ObjectGroups) -> Result<(), IoError> {
+    let registered = Registered { objects: found.registration.clone(), stages: found.stages.clone() };
+    write_json(&job.folder().registration(), &registered)
 }
 
 /// Has a run that resumes find its groups again.
@@ -94,11 +92,7 @@ pub(super) fn kept_or_found_groups(
 /// # Errors
 /// A file that cannot be removed.
 pub(super) fn forget_groups(folder: &RunFolder) -> Result<(), IoError> {
-    let path = folder.registration();
-    match std::fs::remove_file(&path) {
-        Err(e) if e.kind() != ErrorKind::NotFound => Err(IoError::os(&path, "cannot remove", &e)),
-        _ => Ok(()),
-    }
+    remove_if_there(&folder.registration())
 }
 
 /// Refines the poses of given groups on the cloud's objects; scales are free if the configuration refines them.

@@ -7,7 +7,7 @@ use super::name_of;
 /// What the user does once more; to open a file, see [`open_file`].
 pub(crate) const PRESS_ESCAPE: &str = "press Escape";
 pub(crate) const CLOSE_WINDOW: &str = "close";
-/// What that does.
+/// What doing the same once more does to work that is unsaved, or still running.
 pub(crate) const QUIT_UNSAVED: &str = "quit without saving";
 pub(crate) const OPEN_UNSAVED: &str = "open it without saving";
 pub(crate) const STOP_WORK: &str = "stop it";

@@ -1,7 +1,6 @@
 //! Files beside the scene: cameras, camera paths, screenshots.
 
 use std::collections::BTreeSet;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -14,7 +13,7 @@ use crate::hud::Hud;
 use crate::navigation::Navigator;
 use crate::recording::{PATH_FPS, Recording};
 use crate::texts;
-use instgs_io::{IoError, read_cameras, write_cameras};
+use instgs_io::{IoError, read_cameras, remove_if_there, write_cameras};
 use instgs_vk::scene::edit::{Footprint, footprint, instance_centres};
 use instgs_vk::scene::{Camera, InstancedScene};
 
@@ -196,10 +195,7 @@ fn write_kept(path: &Path, kept: &[Camera]) -> Result<(), IoError> {
     if !kept.is_empty() {
         return write_cameras(path, kept);
     }
-    match std::fs::remove_file(path) {
-        Err(error) if error.kind() != ErrorKind::NotFound => Err(IoError::os(path, texts::CANNOT_REMOVE, &error)),
-        _ => Ok(()),
-    }
+    remove_if_there(path)
 }
 
 /// The cameras that were kept for the scene at `to`, where a scene from another file is saved; `None` if there are none, or the

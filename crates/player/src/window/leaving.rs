@@ -22,7 +22,7 @@ pub(super) enum Leaving {
     Open(PathBuf),
 }
 
-/// What is lost then.
+/// One piece of work that closing the window or opening another file loses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Loss {
     /// Work beside the picture, by its name.
@@ -184,7 +184,7 @@ fn in_folder(folder: &Path, file: &Path) -> PathBuf {
 /// Writes a file under an unused name with an extension beside the first of some files where that succeeds.
 ///
 /// # Errors
-/// Why it failed everywhere.
+/// The reasons of all files, in their order: none could be written.
 fn write_to_one_of(
     beside: &[PathBuf],
     ending: &str,

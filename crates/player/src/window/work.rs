@@ -58,9 +58,9 @@ enum Opened {
     InPlace(Agreed),
 }
 
-/// What is lost with a scene.
+/// The unsaved work that the user has agreed to lose with a scene, as it was then: what has changed since is not meant.
 struct Agreed {
-    /// Of the scene.
+    /// Revision of the scene in the editor.
     revision: u64,
     boxes: Boxes,
     /// True while a camera path is recorded.
@@ -73,7 +73,7 @@ struct Drawing {
     /// Where frames go, each under its camera's name; a single picture has a file of its own.
     folder: PathBuf,
     single: Option<PathBuf>,
-    /// The video of the frames.
+    /// The file of the video that ffmpeg makes of the frames.
     video: PathBuf,
 }
 

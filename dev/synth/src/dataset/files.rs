@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::ErrorKind;
 use std::path::Path;
 
 use super::frame::Frame;
@@ -10,7 +9,7 @@ use instgs_io::dataset::Split;
 use instgs_io::ktx2::{FloatImage, write_ktx2};
 use instgs_io::masks::{Mask, write_categories, write_mask};
 use instgs_io::picture_png::write_png;
-use instgs_io::{IoError, write_transforms};
+use instgs_io::{IoError, remove_if_there, write_transforms};
 use instgs_vk::scene::{Camera, PosedGroup};
 
 /// File that marks a folder as a data set of this command, with the options that made it.
@@ -37,14 +36,7 @@ pub(super) fn prepare(out: &Path) -> Result<(), IoError> {
         return Err(IoError::new(out, "is not empty and was not made by this command").advise("choose another folder"));
     }
     // First: with cameras a folder counts as a whole data set.
-    for cameras in CAMERAS.map(|name| out.join(name)) {
-        match fs::remove_file(&cameras) {
-            Err(e) if e.kind() != ErrorKind::NotFound => {
-                return Err(IoError::new(&cameras, format!("cannot remove it: {e}")));
-            }
-            _ => {}
-        }
-    }
+    CAMERAS.iter().try_for_each(|name| remove_if_there(&out.join(name)))?;
     for (folder, ending) in FOLDERS {
         let folder = out.join(folder);
         fs::create_dir_all(&folder).map_err(fail)?;
