@@ -6,11 +6,8 @@ use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use glam::DVec3;
 
 use instgs_vk::scene::edit::{
-    AlignTo, Edit, Extra, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn,
+    AlignTo, Edit, Extra, Keep, MOST_SCATTERED, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn,
 };
-
-/// Upper bound of the instances of one `--scatter`: more than any scene shows, so a typing error ends here.
-const MOST_SCATTERED: usize = 1_000_000;
 
 /// Growth of the box of `--give`, relative to its size.
 const GIVE_MARGIN: f64 = 0.05;

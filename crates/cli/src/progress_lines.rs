@@ -48,14 +48,8 @@ pub fn group_lines(groups: &[GroupReport], printer: &Printer) {
 
 /// Warns of phrases that were not found, and of detections that were dropped.
 pub fn warn_of_names(found: &PromptReport, printer: &Printer) {
-    let without = found.views_without.len();
-    if without > 0 {
-        let first = found.views_without.first().map(String::as_str).unwrap_or_default();
-        printer.warning(format_args!(
-            "nothing was found in {without} of {} views ({first}{})",
-            found.views,
-            if without > 1 { ", ..." } else { "" }
-        ));
+    if let Some(note) = found.views_without_note() {
+        printer.warning(note);
     }
     let Dropped { unnamed, repeated, outside, same_mask, empty, covered } = found.dropped;
     let left_out: Vec<String> = [

@@ -79,6 +79,13 @@ impl PromptReport {
         Self { phrases: phrases.iter().map(count).collect(), ..Self::default() }
     }
 
+    /// A warning if there are views in which nothing was found.
+    pub fn views_without_note(&self) -> Option<String> {
+        let first = self.views_without.first()?;
+        let (without, more) = (self.views_without.len(), if self.views_without.len() > 1 { ", ..." } else { "" });
+        Some(format!("nothing was found in {without} of {} views ({first}{more})", self.views))
+    }
+
     /// Adds the masks of a view, whose name is `name`.
     pub fn add(&mut self, name: &str, view: &ViewMasks) {
         self.views += 1;

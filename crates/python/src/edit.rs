@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use instgs_vk::scene::InstancedScene;
-use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Turn, apply};
+use instgs_vk::scene::edit::{Edit, Keep, MOST_SCATTERED, OffsetSource, Scatter, ScatterOver, Turn, apply};
 use instgs_vk::scene::trajectory::Orbit;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -14,9 +14,6 @@ use crate::scene::Scene;
 
 /// The operations, as an error lists them.
 const OPERATIONS: &str = "duplicate, move, rotate, scale, delete, recolour, swap, scatter, crop and erase";
-
-/// Upper bound of the instances of one scatter, as on the command line: more than any scene shows, so a typing error ends here.
-const MOST_SCATTERED: usize = 1_000_000;
 
 /// Applies an edit; its remarks are warnings too.
 pub(crate) fn edit<'py>(

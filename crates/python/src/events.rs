@@ -36,7 +36,7 @@ pub(crate) fn told(message: &Message<'_>) -> Option<Told> {
         Message::ViewMasked { name, views, .. } => json!({"event": "view_masked", "view": name, "views": views}),
         Message::Prepared(prepared) => json!({"event": "prepared", "groups": prepared.groups}),
         Message::Reused { folder, .. } => json!({"event": "reused", "folder": folder.path()}),
-        Message::NamesFound(found) => return nothing_found(&found.views_without, found.views).map(Told::Warning),
+        Message::NamesFound(found) => return found.views_without_note().map(Told::Warning),
         Message::Trained { .. } => return None,
     };
     Some(Told::Event(event.to_string()))
@@ -56,13 +56,6 @@ fn of_training(phase: &'static str, message: &TrainMessage<'_>) -> Option<Told> 
         }
     };
     Some(Told::Event(event))
-}
-
-/// A remark on views without any mask, as the command line has it.
-fn nothing_found(without: &[String], views: usize) -> Option<String> {
-    let first = without.first()?;
-    let more = if without.len() > 1 { ", ..." } else { "" };
-    Some(format!("nothing was found in {} of {views} views ({first}{more})", without.len()))
 }
 
 fn phase_name(phase: Phase) -> &'static str {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use instgs_io::ply::ply_bytes;
-use instgs_io::{IoError, RunLock, atomic_write, read_bytes, read_views, write_groups, write_scene_file};
+use instgs_io::{IoError, RunLock, read_bytes, read_views, write_groups, write_scene_file};
 use instgs_objects::pipeline::{
     self, CloudLabels, Finished, MergedScene, Message, ObjectGroups, Observer, PipelineJob, build_templates,
     check_masks, check_same_stages, find_groups, joint_has_begun, label_gaussians, write_cloud,
@@ -131,13 +131,7 @@ impl Pipeline {
         let (cloud, labels) = segments.parts(py);
         let (job, gpu) = (&self.job, &self.gpu);
         let found = self.stage(py, |mut teller| -> Result<ObjectGroups, WorkError> {
-            let file = job.folder().groups();
-            let kept = joint_has_begun(&job.folder()).then(|| read_bytes(&file).ok()).flatten();
-            let found = find_groups(gpu, job, &cloud, &labels, &mut teller)?;
-            if let Some(bytes) = kept {
-                atomic_write(&file, |out| out.write_all(&bytes))?;
-            }
-            Ok(found)
+            Ok(find_groups(gpu, job, &cloud, &labels, &mut teller)?)
         })?;
         pipeline::register_objects::warnings(&found.registration).try_for_each(|text| warn(py, text))?;
         let is_given = job.config.pipeline.groups.is_some();

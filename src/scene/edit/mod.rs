@@ -27,7 +27,7 @@ use glam::DVec3;
 
 pub use arrange::AlignTo;
 pub use placement::{instance_centres, template_centres};
-pub use scatter::{Footprint, OffsetSource, Scatter, ScatterOver, footprint};
+pub use scatter::{Footprint, MOST_SCATTERED, OffsetSource, Scatter, ScatterOver, footprint};
 pub use select::{ParseSelectorError, Selector};
 pub use thin::Keep;
 pub use unique::Extra;

@@ -93,6 +93,9 @@ pub enum OffsetSource {
     Copied(Selector),
 }
 
+/// What commands take as the most instances of one scatter: more than any scene shows, so a typing error ends here.
+pub const MOST_SCATTERED: usize = 1_000_000;
+
 /// A position on the ground, world units, and a rotation about the up axis, radians.
 type Spot = (DVec3, f64);
 
@@ -106,7 +109,7 @@ struct Stance {
 
 pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<EditOutcome, EditReason> {
     existing_template(scene, scatter.template)?;
-    let total = scene.instances.len() as u64 + scatter.count as u64;
+    let total = (scene.instances.len() as u64).saturating_add(scatter.count as u64);
     if scatter.count == 0 || total > MOST_INSTANCES {
         return Err(EditReason::value(format!("{} is not a valid number of instances", scatter.count)));
     }

@@ -16,6 +16,7 @@ use super::error::PipelineError;
 use super::job::PipelineJob;
 use super::label_gaussians::CloudLabels;
 use super::observer::Observer;
+use super::run::joint_has_begun;
 use super::stage_kinds::Stage;
 use instgs_train::eval_options;
 use instgs_train::facts::StageTime;
@@ -31,7 +32,7 @@ pub struct ObjectGroups {
 }
 
 /// The groups of the configuration, with refined poses unless it forbids that, or the groups that registration finds.
-/// Writes `groups.json` to the run folder in both cases.
+/// Writes `groups.json` to the run folder in both cases, unless its joint phase has begun: that goes on from the one there.
 ///
 /// # Errors
 /// A groups.json that is missing or damaged, or a device that fails.
@@ -52,7 +53,9 @@ pub fn find_groups(
     } else {
         register_objects(gpu, &job.config, cloud, segmented, observer)?
     };
-    write_groups(&job.folder().groups(), &found.groups)?;
+    if !joint_has_begun(&job.folder()) {
+        write_groups(&job.folder().groups(), &found.groups)?;
+    }
     Ok(found)
 }
 

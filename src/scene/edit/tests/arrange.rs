@@ -212,6 +212,10 @@ fn polygons_hold_what_is_scattered_in_them() {
     assert!(places.iter().all(|p| p.x >= 0.0 && p.y >= 0.0 && p.x <= 8.0 && p.y <= 8.0 && !(p.x > 4.0 && p.y > 4.0)));
     assert!(places.iter().any(|p| p.x > 4.0) && places.iter().any(|p| p.y > 4.0));
     assert!(apply(&mut scene, &scatter(over(vec![DVec3::ZERO, DVec3::X]))).is_err());
+    // With those that are there, more than any number counts.
+    let path = ScatterOver::Path { points: vec![DVec3::ZERO, DVec3::X], up: DVec3::Z, yaw: 0.0 };
+    let endless = Scatter { template: 0, count: usize::MAX, over: path, offsets: OffsetSource::None };
+    assert!(apply(&mut scene, &Edit::Scatter(endless)).is_err_and(|e| e.to_string().contains("valid number")));
 }
 
 #[test]
