@@ -15,10 +15,10 @@ const WEBGPU_ARGUMENTS = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swifts
 /** What Chromium itself says where there is no WebGPU. */
 const NO_WEBGPU = "No available adapters.";
 
-/** @param {boolean} withWebgpu whether pages find WebGPU beside WebGL2 */
+/** tools/browser/setup.sh says where Chromium is. @param {boolean} withWebgpu whether pages find WebGPU beside WebGL2 */
 function startBrowser(withWebgpu = false) {
   const args = withWebgpu ? [...ARGUMENTS, ...WEBGPU_ARGUMENTS] : ARGUMENTS;
-  return chromium.launch({ executablePath: "/usr/bin/chromium", args });
+  return chromium.launch({ executablePath: process.env.CHROMIUM, args });
 }
 
 /** Sizes of the windows that screenshots are taken of, CSS pixels. */

@@ -15,6 +15,7 @@ their publishers'.
 
 import argparse
 import importlib.util
+import os
 import pathlib
 import sys
 
@@ -61,7 +62,10 @@ def main() -> None:
         sys.exit(f"error: not the heads of {args.net}: no {missing[0]} in them")
     tensors = {k: v.float().contiguous() for k, v in {**features, **{n: linear[n] for n in names}}.items()}
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    save_file(tensors, args.out, metadata={"format": "instgs-lpips/1", "net": args.net})
+    # Beside it first, so that no half file has its name.
+    partial = args.out.with_name(args.out.name + ".partial")
+    save_file(tensors, partial, metadata={"format": "instgs-lpips/1", "net": args.net})
+    os.replace(partial, args.out)
     print(f"{args.out}: {len(tensors)} tensors of {args.net}")
 
 

@@ -18,6 +18,7 @@ Formulas, on unsigned 64-bit integers that wrap:
 
 import argparse
 import json
+import os
 import pathlib
 
 import lpips
@@ -99,7 +100,10 @@ def main() -> None:
                     "layers": [float(layer) for layer in layers], "total": float(total),
                 })
     made_by = f"tools/models/make_lpips_fixture.py, lpips 0.1.4, torch {torch.__version__}, f64"
-    args.out.write_text(json.dumps({"made_by": made_by, "cases": cases}, indent=1) + "\n")
+    # Beside it first, so that no half file has its name.
+    partial = args.out.with_name(args.out.name + ".partial")
+    partial.write_text(json.dumps({"made_by": made_by, "cases": cases}, indent=1) + "\n")
+    os.replace(partial, args.out)
 
 
 if __name__ == "__main__":
