@@ -1,16 +1,16 @@
 #version 460
-// Sums the gradients of all instances of a template and turns them into gradients by its parameters.
+// Sums the gradients of all instances of a template.
 //
 // - Reads, per chunk of source Gaussians, its template's instances in order; for each the work item of that chunk, if
-//   it was not culled (`instance_chunks`, `candidate_offsets`, `candidate_visible`, `work_offsets`), and there 72 bytes
-//   per Gaussian, of which 24 twice more for SH. Background Gaussians have one instance.
+//   it was not culled (`instance_chunks`, `candidate_offsets`, `candidate_visible`, `work_offsets`), and there 76 bytes
+//   per Gaussian, of which 24 twice more for SH. With ONE_INSTANCE no more than one row shows a chunk, as with the background
+//   and with own Gaussians: then all is read once, and nothing is summed.
 // - Writes gradients by mean, quaternion (not normalised), log scales, logit and the active SH bands: 44 + 12 (degree +
 //   1)^2 bytes; adds to `screen_statistics` (the input of densification) and, where instances may get own Gaussians, to
 //   `record_statistics`. Instances that share a record share its sums.
-// - If the scene has offsets of shape or of SH bands above 0 (ablations), writes their gradients, and computes those by
-//   shape per instance; records that are not drawn must hold zeros before.
+// - If the scene has offsets of SH bands above 0, writes their gradients; records that are not drawn must hold zeros before.
 // - With WINDOWED a dispatch sees a window of the source Gaussians, and leaves out the chunks of other windows.
-// - Grid: one work-group per chunk. The order of the sum is that of the instances: no atomics.
+// - Grid: one work-group per chunk, those from `first_chunk` on. The order of the sum is that of the instances: no atomics.
 // - Does nothing after an overflow (see `train_status`).
 //
 // Twin: `instgs_reference::gather_gradients`. Test: `tests/kernels/backward.rs`.
@@ -21,7 +21,6 @@
 #include "scene.glsl"
 #include "source_window.glsl"
 #include "gradients.glsl"
-#include "rotation.glsl"
 #include "train_status.glsl"
 
 layout(constant_id = 3) const uint SH_DEGREE = 3;
@@ -34,55 +33,47 @@ layout(scalar, binding = 4) readonly buffer CandidateVisible { uint candidate_vi
 layout(scalar, binding = 5) readonly buffer WorkOffsets { uint work_offsets[]; };                      // work item of the candidate
 layout(scalar, binding = 6) readonly buffer Counters { uint counters[]; };                             // COUNTER_*
 layout(scalar, binding = 7) readonly buffer ShapeGradients { ShapeGradient shape_gradients[]; };       // by work item times work-group size plus index in the chunk; 0 if not drawn
-layout(scalar, binding = 27) readonly buffer LookGradients { LookGradient look_gradients[]; };         // as shape_gradients
-layout(scalar, binding = 8) readonly buffer Quats { vec4 quats[]; };                                   // source rotations, wxyz
-layout(scalar, binding = 9) readonly buffer LogScales { vec3 log_scales[]; };                          // source log standard deviations
-layout(scalar, binding = 10) writeonly buffer MeanGradients { vec3 mean_gradients[]; };                // by source
-layout(scalar, binding = 11) writeonly buffer QuatGradients { vec4 quat_gradients[]; };                // by source
-layout(scalar, binding = 12) writeonly buffer LogScaleGradients { vec3 log_scale_gradients[]; };       // by source
-layout(scalar, binding = 13) writeonly buffer LogitGradients { float opacity_logit_gradients[]; };     // by source
-layout(scalar, binding = 14) writeonly buffer Sh0Gradients { vec3 sh0_gradients[]; };                  // SH band 0, by source
-layout(scalar, binding = 15) writeonly buffer Sh1Gradients { vec3 sh1_gradients[]; };                  // SH band 1, as the band
-layout(scalar, binding = 16) writeonly buffer Sh2Gradients { vec3 sh2_gradients[]; };                  // SH band 2, as the band
-layout(scalar, binding = 17) writeonly buffer Sh3Gradients { vec3 sh3_gradients[]; };                  // SH band 3, as the band
-layout(scalar, binding = 18) buffer ScreenStatistics { vec3 screen_statistics[]; };                    // sum of mean_ndc, number of views that show it, largest radius_px; by source
-
-layout(scalar, binding = 19) readonly buffer Status { uint status[]; };                                // STATUS_*
-
-layout(scalar, binding = 20) readonly buffer Instances { Instance instances[]; };                      // instances, background last
-layout(scalar, binding = 21) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };            // offsets of log standard deviations, if any
-layout(scalar, binding = 22) readonly buffer OffsetQuats { vec4 offset_quats[]; };                     // offsets of quaternions, if any
-layout(scalar, binding = 23) writeonly buffer OffsetShRestGradients { vec3 offset_sh_rest_gradients[]; };  // by offset record and coefficient from 1, if any
-layout(scalar, binding = 24) writeonly buffer OffsetLogScaleGradients { vec3 offset_log_scale_gradients[]; };  // by offset record, if any
-layout(scalar, binding = 25) writeonly buffer OffsetQuatGradients { vec4 offset_quat_gradients[]; };   // by offset record, if any
-layout(scalar, binding = 26) buffer RecordStatistics { vec2 record_statistics[]; };                    // as the first two of screen_statistics, by offset record, if instances may get own Gaussians
+layout(scalar, binding = 8) readonly buffer LookGradients { LookGradient look_gradients[]; };         // as shape_gradients
+layout(scalar, binding = 9) writeonly buffer MeanGradients { vec3 mean_gradients[]; };                // by source
+layout(scalar, binding = 10) writeonly buffer QuatGradients { vec4 quat_gradients[]; };                // by source
+layout(scalar, binding = 11) writeonly buffer LogScaleGradients { vec3 log_scale_gradients[]; };       // by source
+layout(scalar, binding = 12) writeonly buffer LogitGradients { float opacity_logit_gradients[]; };     // by source
+layout(scalar, binding = 13) writeonly buffer Sh0Gradients { vec3 sh0_gradients[]; };                  // SH band 0, by source
+layout(scalar, binding = 14) writeonly buffer Sh1Gradients { vec3 sh1_gradients[]; };                  // SH band 1, as the band
+layout(scalar, binding = 15) writeonly buffer Sh2Gradients { vec3 sh2_gradients[]; };                  // SH band 2, as the band
+layout(scalar, binding = 16) writeonly buffer Sh3Gradients { vec3 sh3_gradients[]; };                  // SH band 3, as the band
+layout(scalar, binding = 17) buffer ScreenStatistics { vec3 screen_statistics[]; };                    // sum of mean_ndc, number of views that show it, largest radius_px; by source
+layout(scalar, binding = 18) readonly buffer Status { uint status[]; };                                // STATUS_*
+layout(scalar, binding = 19) readonly buffer Instances { Instance instances[]; };                      // instances, background last
+layout(scalar, binding = 20) writeonly buffer OffsetShRestGradients { vec3 offset_sh_rest_gradients[]; };  // by offset record and coefficient from 1, if any
+layout(scalar, binding = 21) buffer RecordStatistics { vec2 record_statistics[]; };                    // as the first two of screen_statistics, by offset record, if instances may get own Gaussians
 layout(scalar, push_constant) uniform GatherGradientsParams {
-    uint chunk_count;     // chunks of source Gaussians
+    uint first_chunk;     // the first chunk of the dispatch
+    uint chunk_count;     // its number of chunks
     SourceWindow window;  // WINDOWED: the source Gaussians that it sees
 };
 
 #include "work_item_of.glsl"
-#include "shape.glsl"
 
+layout(constant_id = 4) const uint ONE_INSTANCE = 0;    // 1 = no more than one row shows a chunk, and it has no records
 layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // SH coefficients above 0 that have offsets: 0, 3, 8 or 15
 layout(constant_id = 10) const uint OWN_MAY_GROW = 0;  // 1 = instances may get Gaussians of their own
 
-// True if instances of a template differ in shape.
-bool own_shapes() {
-    if (OFFSET_LOG_SCALES != 0) return true;
-    return OFFSET_QUATS != 0;
-}
-
-// Sums over instances. Gradients by shape are by the template's covariance, unless there are own_shapes().
+// Sums over instances.
 struct Sums {
     vec3 mean;
-    vec3 covariance;
-    vec3 covariance_cross;
     vec4 quat;
     vec3 log_scales;
     float opacity_logit;
     vec3 statistics;
 };
+
+const Sums NO_SUMS = Sums(vec3(0.0), vec4(0.0), vec3(0.0), 0.0, vec3(0.0));
+
+// What a view adds to the sums for densification: the length of the gradient by the centre, and 1 if it shows the Gaussian.
+vec2 seen(LookGradient look) {
+    return vec2(look.mean_ndc, look.radius_px > 0.0 ? 1.0 : 0.0);
+}
 
 // SH coefficients are summed in two walks over the instances, bands 0 to 2 and band 3: the sums of all at once would leave
 // room for few subgroups.
@@ -107,42 +98,6 @@ float[BAND_3_COEFFICIENTS] band_3_basis(vec3 dir) {
                    -0.5900435899266435 * x * (xx - 3.0 * yy));
 }
 
-// dL/dlog_scales and dL/dquat from the symmetric dL/dcovariance: cov = sum of sigma_i^2 r_i r_i^T over the columns r_i.
-void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms, out vec4 by_quat, out vec3 by_log_scales) {
-    mat3 by_cov = mat3(diagonal.x, cross_terms.x, cross_terms.y, cross_terms.x, diagonal.y, cross_terms.z, cross_terms.y,
-                       cross_terms.z, diagonal.z);
-    mat3 r = rotation_from_quat(quat);
-    vec3 variances = exp(2.0 * log_scales);
-    mat3 d = by_cov * r;
-    by_log_scales = 2.0 * variances * vec3(dot(r[0], d[0]), dot(r[1], d[1]), dot(r[2], d[2]));
-    d = mat3(2.0 * variances.x * d[0], 2.0 * variances.y * d[1], 2.0 * variances.z * d[2]);
-    float largest = largest_component(quat);
-    vec4 scaled = by_largest(quat);
-    float len = sqrt(dot(scaled, scaled));
-    vec4 q = scaled / len;
-    float w = q.x, x = q.y, y = q.z, z = q.w;
-    vec4 by_unit = 2.0 * vec4(x * (d[1].z - d[2].y) + y * (d[2].x - d[0].z) + z * (d[0].y - d[1].x),
-                              w * (d[1].z - d[2].y) + y * (d[0].y + d[1].x) + z * (d[0].z + d[2].x) - 2.0 * x * (d[1].y + d[2].z),
-                              w * (d[2].x - d[0].z) + x * (d[0].y + d[1].x) + z * (d[1].z + d[2].y) - 2.0 * y * (d[0].x + d[2].z),
-                              w * (d[0].y - d[1].x) + x * (d[0].z + d[2].x) + y * (d[1].z + d[2].y) - 2.0 * z * (d[0].x + d[1].y));
-    by_quat = (by_unit - q * dot(q, by_unit)) / (len * largest);
-    // Splats that are never drawn get here: 0 times an infinite scale, or by a zero quaternion, would be NaN.
-    by_quat = all(is_below(by_quat, GRADIENT_MAX)) ? by_quat : vec4(0.0);
-    by_log_scales = all(is_below(by_log_scales, GRADIENT_MAX)) ? by_log_scales : vec3(0.0);
-}
-
-// Adds the gradient by an instance's own shape, and writes the gradient by its offsets (no other instance has them).
-void add_shape(inout Sums sums, Instance instance, uint local, ShapeGradient g) {
-    vec4 by_quat;
-    vec3 by_log_scales;
-    shape_gradient(quat_of(instance, local), log_scales_of(instance, local), g.covariance, g.covariance_cross, by_quat, by_log_scales);
-    sums.quat += by_quat;
-    sums.log_scales += by_log_scales;
-    if (instance.first_offset == NO_OFFSET) return;
-    if (OFFSET_LOG_SCALES != 0) offset_log_scale_gradients[instance.first_offset + local] = by_log_scales;
-    if (OFFSET_QUATS != 0) offset_quat_gradients[instance.first_offset + local] = by_quat;
-}
-
 // Writes the gradient by an instance's offset of SH coefficient `k`, from 1, if it has one and the coefficient is in use.
 void write_rest(uint instance, uint local, uint degree, uint k, vec3 gradient) {
     if (k > OFFSET_SH_REST) return;
@@ -151,7 +106,24 @@ void write_rest(uint instance, uint local, uint degree, uint k, vec3 gradient) {
     offset_sh_rest_gradients[(first_offset + local) * OFFSET_SH_REST + k - 1] = gradient;
 }
 
-// Gradients by bands 0 to 2.
+void write_low_bands(SourceChunk chunk, uint local, uint degree, vec3 sums[LOW_COEFFICIENTS]) {
+    sh0_gradients[chunk.first_source + local] = sums[0];
+    if (degree > 0) {
+        uint k = 3 * (chunk.first_in_band[0] + local);
+        [[unroll]] for (uint m = 0; m < 3; ++m) sh1_gradients[k + m] = sums[1 + m];
+    }
+    if (degree > 1) {
+        uint k = 5 * (chunk.first_in_band[1] + local);
+        [[unroll]] for (uint m = 0; m < 5; ++m) sh2_gradients[k + m] = sums[4 + m];
+    }
+}
+
+void write_band_3(SourceChunk chunk, uint local, vec3 sums[BAND_3_COEFFICIENTS]) {
+    uint k = 7 * (chunk.first_in_band[2] + local);
+    [[unroll]] for (uint m = 0; m < BAND_3_COEFFICIENTS; ++m) sh3_gradients[k + m] = sums[m];
+}
+
+// Gradients by bands 0 to 2, summed over instances.
 void gather_low_bands(SourceChunk chunk, uint local, uint degree) {
     vec3 sums[LOW_COEFFICIENTS];
     [[unroll]] for (uint k = 0; k < LOW_COEFFICIENTS; ++k) sums[k] = vec3(0.0);
@@ -165,17 +137,10 @@ void gather_low_bands(SourceChunk chunk, uint local, uint degree) {
             [[unroll]] for (uint k = 1; k < LOW_COEFFICIENTS; ++k) write_rest(instance, local, degree, k, basis[k] * color);
         }
     }
-    sh0_gradients[chunk.first_source + local] = sums[0];
-    if (degree > 0) {
-        uint k = 3 * (chunk.first_in_band[0] + local);
-        [[unroll]] for (uint m = 0; m < 3; ++m) sh1_gradients[k + m] = sums[1 + m];
-    }
-    if (degree > 1) {
-        uint k = 5 * (chunk.first_in_band[1] + local);
-        [[unroll]] for (uint m = 0; m < 5; ++m) sh2_gradients[k + m] = sums[4 + m];
-    }
+    write_low_bands(chunk, local, degree, sums);
 }
 
+// Gradients by band 3, summed over instances.
 void gather_band_3(SourceChunk chunk, uint local) {
     vec3 sums[BAND_3_COEFFICIENTS];
     [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) sums[k] = vec3(0.0);
@@ -191,62 +156,85 @@ void gather_band_3(SourceChunk chunk, uint local) {
             }
         }
     }
-    uint k = 7 * (chunk.first_in_band[2] + local);
-    [[unroll]] for (uint m = 0; m < BAND_3_COEFFICIENTS; ++m) sh3_gradients[k + m] = sums[m];
+    write_band_3(chunk, local, sums);
 }
 
-void main() {
-    uint c = group_index();
-    uint lane = gl_LocalInvocationID.x;
-    if (c >= chunk_count) return;
-    SourceChunk chunk = source_chunks[c];
-    // The chunks of other windows are left to their dispatches.
-    if (!in_window(window, chunk.first_source + chunk.chunk * WORKGROUP_SIZE)) return;
-    enter_window(window, chunk.first_source, chunk.first_in_band);
-    uint local = chunk.chunk * WORKGROUP_SIZE + lane;
-    // An overflowing step is redone: its statistics must not count twice.
-    if (local >= chunk.source_count || status[STATUS_OVERFLOW] != 0) return;
-    uint source = chunk.first_source + local;
-    uint degree = min(SH_DEGREE, chunk.sh_degree);
-    Sums sums;
-    sums.mean = sums.covariance = sums.covariance_cross = sums.statistics = vec3(0.0);
-    sums.quat = vec4(0.0);
-    sums.log_scales = vec3(0.0);
-    sums.opacity_logit = 0.0;
+// Adds what an instance's work item gives a Gaussian.
+void add(inout Sums sums, ShapeGradient shape, LookGradient look) {
+    sums.mean += shape.mean;
+    sums.quat += shape.quat;
+    sums.log_scales += shape.log_scales;
+    sums.opacity_logit += look.opacity_logit;
+    sums.statistics.xy += seen(look);
+    sums.statistics.z = max(sums.statistics.z, look.radius_px);
+}
+
+// Gradients but those by SH, and the statistics.
+void write_sums(uint source, Sums sums) {
+    mean_gradients[source] = sums.mean;
+    quat_gradients[source] = sums.quat;
+    log_scale_gradients[source] = sums.log_scales;
+    opacity_logit_gradients[source] = sums.opacity_logit;
+    vec3 before = screen_statistics[source];
+    screen_statistics[source] = vec3(before.xy + sums.statistics.xy, max(before.z, sums.statistics.z));
+}
+
+// All gradients of a Gaussian that no more than one row shows.
+void gather_one(SourceChunk chunk, uint local, uint degree) {
+    uint w = NO_WORK_ITEM;
+    if (chunk.instance_count > 0) w = work_item_of(instance_from_template[chunk.first_instance], chunk.chunk);
+    Sums sums = NO_SUMS;
+    vec3 color = vec3(0.0), direction = vec3(0.0);
+    if (w != NO_WORK_ITEM) {
+        LookGradient look = look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x];
+        add(sums, shape_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x], look);
+        color = look.color;
+        direction = look.direction;
+    }
+    write_sums(chunk.first_source + local, sums);
+    float low[LOW_COEFFICIENTS] = low_basis(direction);
+    vec3 by_low[LOW_COEFFICIENTS];
+    [[unroll]] for (uint k = 0; k < LOW_COEFFICIENTS; ++k) by_low[k] = low[k] * color;
+    write_low_bands(chunk, local, degree, by_low);
+    if (degree < 3) return;
+    float high[BAND_3_COEFFICIENTS] = band_3_basis(direction);
+    vec3 by_high[BAND_3_COEFFICIENTS];
+    [[unroll]] for (uint k = 0; k < BAND_3_COEFFICIENTS; ++k) by_high[k] = high[k] * color;
+    write_band_3(chunk, local, by_high);
+}
+
+// All gradients of a Gaussian of a template, summed over instances.
+void gather_all(SourceChunk chunk, uint local, uint degree) {
+    Sums sums = NO_SUMS;
     for (uint i = 0; i < chunk.instance_count; ++i) {
         uint instance = instance_from_template[chunk.first_instance + i];
         uint w = work_item_of(instance, chunk.chunk);
         if (w != NO_WORK_ITEM) {
-            ShapeGradient g = shape_gradients[w * WORKGROUP_SIZE + lane];
-            LookGradient look = look_gradients[w * WORKGROUP_SIZE + lane];
-            vec2 seen = vec2(look.mean_ndc, look.radius_px > 0.0 ? 1.0 : 0.0);
-            sums.mean += g.mean;
-            sums.covariance += g.covariance;
-            sums.covariance_cross += g.covariance_cross;
-            sums.opacity_logit += look.opacity_logit;
-            sums.statistics.xy += seen;
-            sums.statistics.z = max(sums.statistics.z, look.radius_px);
+            LookGradient look = look_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x];
+            add(sums, shape_gradients[w * WORKGROUP_SIZE + gl_LocalInvocationID.x], look);
             if (OWN_MAY_GROW != 0 && instances[instance].first_offset != NO_OFFSET) {
-                record_statistics[instances[instance].first_offset + local] += seen;
-            }
-            if (own_shapes()) {
-                Instance shown = instances[instance];
-                enter_window(window, shown.first_source, shown.first_in_band);
-                add_shape(sums, shown, local, g);
+                record_statistics[instances[instance].first_offset + local] += seen(look);
             }
         }
     }
-    vec4 by_quat = sums.quat;
-    vec3 by_log_scales = sums.log_scales;
-    if (!own_shapes()) {
-        shape_gradient(quats[source], log_scales[source], sums.covariance, sums.covariance_cross, by_quat, by_log_scales);
-    }
-    mean_gradients[source] = sums.mean;
-    quat_gradients[source] = by_quat;
-    log_scale_gradients[source] = by_log_scales;
-    opacity_logit_gradients[source] = sums.opacity_logit;
-    vec3 before = screen_statistics[source];
-    screen_statistics[source] = vec3(before.xy + sums.statistics.xy, max(before.z, sums.statistics.z));
+    write_sums(chunk.first_source + local, sums);
     gather_low_bands(chunk, local, degree);
     if (degree > 2) gather_band_3(chunk, local);
+}
+
+void main() {
+    if (group_index() >= chunk_count) return;
+    SourceChunk chunk = source_chunks[first_chunk + group_index()];
+    // The chunks of other windows are left to their dispatches.
+    if (!in_window(window, chunk.first_source + chunk.chunk * WORKGROUP_SIZE)) return;
+    enter_window(window, chunk.first_source, chunk.first_in_band);
+    uint local = chunk.chunk * WORKGROUP_SIZE + gl_LocalInvocationID.x;
+    // An overflowing step is redone: its statistics must not count twice.
+    if (local >= chunk.source_count || status[STATUS_OVERFLOW] != 0) return;
+    uint degree = min(SH_DEGREE, chunk.sh_degree);
+    if (ONE_INSTANCE != 0) {
+        gather_one(chunk, local, degree);
+    } else {
+        gather_all(chunk, local, degree);
+    }
 }

@@ -3,17 +3,17 @@
 //
 // - Reads, per survivor: its `isect_moments` (36 bytes for each tile and block, a contiguous run), splat, footprint,
 //   mean, rotation, scales, offsets, SH bands 1-3 (they turn with the view direction, which depends on the mean).
-// - Writes `shape_gradients` and `look_gradients` (36 bytes each), at work item times work-group size plus index in the chunk,
+// - Writes `shape_gradients` (40 bytes) and `look_gradients` (36), at work item times work-group size plus index in the chunk,
 //   where `gather_gradients` finds them without a search; the rest of both must hold zeros. Writes the gradients of the
-//   offsets, each of which belongs to one thread.
+//   offsets but those of SH bands above 0, each of which belongs to one thread; they must hold zeros, too.
+// - With COLOR_MATRICES, reads SH band 0 and its offset as well, and writes `color_terms` (24 bytes) at the same place as
+//   `shape_gradients` for instances that have a colour matrix; the rest must hold zeros.
 // - With POSES, writes the gradient by the instance's pose, summed over each subgroup: 28 bytes per subgroup of a work
 //   item, except for the background.
 // - With WINDOWED a dispatch sees a window of the source Gaussians, and leaves out the work items of other windows.
 // - Grid: one work-group per work item, indirect; threads beyond the survivors only help to sum long lists.
 // - Exact derivatives of the forward pass: conic by -P G P, antialias compensation with its floor, the slope clamp (no
 //   gradient to x where clamped; z keeps its own), the colour clamp at 0, SH direction into the mean.
-// - Gradients by shape remain gradients by the template's covariance here, 6 numbers: their sum over instances is
-//   converted to quaternion and scales once.
 //
 // Twin: `instgs_reference::preprocess_instance_expand_backward`. Test: `tests/kernels/backward.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -54,8 +54,12 @@ layout(scalar, binding = 20) writeonly buffer PoseSums { PoseGradient pose_sums[
 layout(scalar, binding = 21) readonly buffer OffsetShRest { vec3 offset_sh_rest[]; };                // offsets of SH coefficients above 0, if any
 layout(scalar, binding = 22) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };          // offsets of log standard deviations, if any
 layout(scalar, binding = 23) readonly buffer OffsetQuats { vec4 offset_quats[]; };                   // offsets of quaternions, if any
+layout(scalar, binding = 27) writeonly buffer OffsetLogScaleGradients { vec3 offset_log_scale_gradients[]; };  // by offset record, if any
+layout(scalar, binding = 28) writeonly buffer OffsetQuatGradients { vec4 offset_quat_gradients[]; };  // by offset record, if any
 layout(scalar, binding = 24) readonly buffer ColorMatrices { vec4 color_from_template[]; };          // rows of (M | b) by instance, if any
-layout(scalar, binding = 25) writeonly buffer ColorCotangents { vec3 color_cotangents[]; };          // as shape_gradients, by the colour after the matrix, if any
+layout(scalar, binding = 25) writeonly buffer ColorTermLists { ColorTerms color_terms[]; };          // as shape_gradients, if any
+layout(scalar, binding = 29) readonly buffer Sh0 { vec3 sh0[]; };                                   // source SH band 0, 1 per Gaussian
+layout(scalar, binding = 30) readonly buffer OffsetShDc { vec3 offset_sh_dc[]; };                   // offsets of SH coefficient 0
 layout(scalar, push_constant) uniform ExpandBackwardParams {
     View view;             // the camera
     uint capacity;         // emissions that fit the buffers
@@ -117,6 +121,13 @@ SplatMoments total_moments(uint slot, bool has_splat) {
     return total;
 }
 
+// A Gaussian as its instance has it, in the template's frame.
+struct Gaussian {
+    vec3 mean;        // centre
+    vec4 quat;        // rotation, not normalised
+    vec3 log_scales;  // log standard deviations
+};
+
 struct Geometry {
     vec3 mean_view;  // centre, view frame
     mat3 linear;     // linear part of view_from_template
@@ -126,7 +137,7 @@ struct Geometry {
     float det_sharp; // its determinant, without the cancellation
 };
 
-Geometry geometry_of(Instance instance, uint local, vec3 mean_world) {
+Geometry geometry_of(Instance instance, Gaussian gaussian, vec3 mean_world) {
     Geometry g;
     g.mean_view = transform_point(view.view_from_world, mean_world);
     g.linear = linear_part(view.view_from_world) * linear_part(instance.world_from_template);
@@ -135,8 +146,8 @@ Geometry geometry_of(Instance instance, uint local, vec3 mean_world) {
     mat3 rows = transpose(g.linear);
     g.jx = scale.x * (rows[0] - g.clamped.x * rows[2]);
     g.jy = scale.y * (rows[1] - g.clamped.y * rows[2]);
-    mat3 rotation = rotation_from_quat(quat_of(instance, local));
-    vec3 sigmas = exp(log_scales_of(instance, local));
+    mat3 rotation = rotation_from_quat(gaussian.quat);
+    vec3 sigmas = exp(gaussian.log_scales);
     vec3 bx = (g.jx * rotation) * sigmas;
     vec3 by = (g.jy * rotation) * sigmas;
     g.cov_sharp = vec3(dot(bx, bx), dot(bx, by), dot(by, by));
@@ -166,9 +177,9 @@ vec3 covariance_gradient(Geometry g, vec3 conic, vec3 by_conic, float by_opacity
 }
 
 // The gradient by the centre in the view frame.
-vec3 mean_view_gradient(Geometry g, vec2 by_mean_px, vec3 by_cov, Instance instance, uint local) {
-    mat3 rotation = rotation_from_quat(quat_of(instance, local));
-    vec3 variances = exp(2.0 * log_scales_of(instance, local));
+vec3 mean_view_gradient(Geometry g, vec2 by_mean_px, vec3 by_cov, Gaussian gaussian) {
+    mat3 rotation = rotation_from_quat(gaussian.quat);
+    vec3 variances = exp(2.0 * gaussian.log_scales);
     // Covariance times the rows of J: cov_px = j^T cov j.
     vec3 vx = rotation * (variances * (g.jx * rotation));
     vec3 vy = rotation * (variances * (g.jy * rotation));
@@ -185,42 +196,66 @@ vec3 mean_view_gradient(Geometry g, vec2 by_mean_px, vec3 by_cov, Instance insta
     return vec3(by_slope / z, by_z);
 }
 
-// The gradient by the unnormalised view direction, through the SH bands above 0.
-vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color) {
+// The gradient by the unnormalised view direction, through the SH bands above 0. Adds these bands to `color`: each coefficient is
+// read once.
+vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color, inout vec3 color) {
     float x = dir.x, y = dir.y, z = dir.z;
     float xx = x * x, yy = y * y, zz = z * z;
     vec3 g = vec3(0.0);
     uint degree = min(SH_DEGREE, instance.sh_degree);
     if (degree > 0) {
-        g += 0.4886025119029199 * vec3(-dot(sh1_of(instance, local, 2), by_color), -dot(sh1_of(instance, local, 0), by_color), dot(sh1_of(instance, local, 1), by_color));
+        vec3 s[3] = vec3[](sh1_of(instance, local, 0), sh1_of(instance, local, 1), sh1_of(instance, local, 2));
+        color += 0.4886025119029199 * (-y * s[0] + z * s[1] - x * s[2]);
+        g += 0.4886025119029199 * vec3(-dot(s[2], by_color), -dot(s[0], by_color), dot(s[1], by_color));
     }
     if (degree > 1) {
-        float c0 = 1.0925484305920792 * dot(sh2_of(instance, local, 0), by_color), c1 = -1.0925484305920792 * dot(sh2_of(instance, local, 1), by_color);
-        float c2 = 0.31539156525252005 * dot(sh2_of(instance, local, 2), by_color), c3 = -1.0925484305920792 * dot(sh2_of(instance, local, 3), by_color);
-        float c4 = 0.5462742152960396 * dot(sh2_of(instance, local, 4), by_color);
-        g += vec3(c0 * y - 2.0 * c2 * x + c3 * z + 2.0 * c4 * x, c0 * x + c1 * z - 2.0 * c2 * y - 2.0 * c4 * y,
-                  c1 * y + 4.0 * c2 * z + c3 * x);
+        const float n[5] = float[](1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396);
+        float basis[5] = float[](x * y, y * z, 2.0 * zz - xx - yy, x * z, xx - yy);
+        float c[5];
+        [[unroll]] for (uint k = 0; k < 5; ++k) {
+            vec3 s = n[k] * sh2_of(instance, local, k);
+            color += basis[k] * s;
+            c[k] = dot(s, by_color);
+        }
+        g += vec3(c[0] * y - 2.0 * c[2] * x + c[3] * z + 2.0 * c[4] * x, c[0] * x + c[1] * z - 2.0 * c[2] * y - 2.0 * c[4] * y,
+                  c[1] * y + 4.0 * c[2] * z + c[3] * x);
     }
     if (degree > 2) {
-        float c0 = -0.5900435899266435 * dot(sh3_of(instance, local, 0), by_color), c1 = 2.890611442640554 * dot(sh3_of(instance, local, 1), by_color);
-        float c2 = -0.4570457994644658 * dot(sh3_of(instance, local, 2), by_color), c3 = 0.3731763325901154 * dot(sh3_of(instance, local, 3), by_color);
-        float c4 = -0.4570457994644658 * dot(sh3_of(instance, local, 4), by_color), c5 = 1.445305721320277 * dot(sh3_of(instance, local, 5), by_color);
-        float c6 = -0.5900435899266435 * dot(sh3_of(instance, local, 6), by_color);
-        g.x += c0 * 6.0 * x * y + c1 * y * z - c2 * 2.0 * x * y - c3 * 6.0 * x * z + c4 * (4.0 * zz - 3.0 * xx - yy) +
-               c5 * 2.0 * x * z + c6 * 3.0 * (xx - yy);
-        g.y += c0 * 3.0 * (xx - yy) + c1 * x * z + c2 * (4.0 * zz - xx - 3.0 * yy) - c3 * 6.0 * y * z - c4 * 2.0 * x * y -
-               c5 * 2.0 * y * z - c6 * 6.0 * x * y;
-        g.z += c1 * x * y + c2 * 8.0 * y * z + c3 * (6.0 * zz - 3.0 * xx - 3.0 * yy) + c4 * 8.0 * x * z + c5 * (xx - yy);
+        const float n[7] = float[](-0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154, -0.4570457994644658,
+                                   1.445305721320277, -0.5900435899266435);
+        float basis[7] = float[](y * (3.0 * xx - yy), x * y * z, y * (4.0 * zz - xx - yy), z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+                                 x * (4.0 * zz - xx - yy), z * (xx - yy), x * (xx - 3.0 * yy));
+        float c[7];
+        [[unroll]] for (uint k = 0; k < 7; ++k) {
+            vec3 s = n[k] * sh3_of(instance, local, k);
+            color += basis[k] * s;
+            c[k] = dot(s, by_color);
+        }
+        g.x += c[0] * 6.0 * x * y + c[1] * y * z - c[2] * 2.0 * x * y - c[3] * 6.0 * x * z + c[4] * (4.0 * zz - 3.0 * xx - yy) +
+               c[5] * 2.0 * x * z + c[6] * 3.0 * (xx - yy);
+        g.y += c[0] * 3.0 * (xx - yy) + c[1] * x * z + c[2] * (4.0 * zz - xx - 3.0 * yy) - c[3] * 6.0 * y * z - c[4] * 2.0 * x * y -
+               c[5] * 2.0 * y * z - c[6] * 6.0 * x * y;
+        g.z += c[1] * x * y + c[2] * 8.0 * y * z + c[3] * (6.0 * zz - 3.0 * xx - 3.0 * yy) + c[4] * 8.0 * x * z + c[5] * (xx - yy);
     }
     return g;
 }
 
+// SH band 0 of the colour, before the instance's colour matrix.
+vec3 base_color(Instance instance, uint local) {
+    vec3 base = sh0[instance.first_source + local];
+    if (instance.first_offset != NO_OFFSET) base += offset_sh_dc[instance.first_offset + local];
+    return 0.28209479177387814 * base + 0.5;
+}
+
 struct SourceGradient {
-    ShapeGradient shape;
+    vec3 mean;              // by mean plus offset
+    vec3 covariance;        // by the covariance's xx, yy, zz
+    vec3 covariance_cross;  // by xy, xz, yz, each of the two equal entries
     LookGradient look;
 };
 
-SourceGradient source_gradient(Instance instance, uint local, uint slot, SplatMoments m, out vec3 by_dir, out vec3 by_color) {
+SourceGradient source_gradient(Instance instance, uint local, Gaussian gaussian, uint slot, SplatMoments m, out vec3 by_dir,
+                               out ColorTerms color) {
     Splat splat = splats[slot];
     vec3 conic = vec3(splat.a.zw, splat.b.x);
     float opacity = splat.b.y;
@@ -228,28 +263,29 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, SplatMo
     vec2 by_mean_px = vec2(dot(conic.xy, first.yz), dot(conic.yz, first.yz));
     vec3 by_conic = -vec3(0.5 * second.x, second.y, 0.5 * second.z);
     float by_opacity = opacity > 0.0 ? first.x / opacity : 0.0;
-    by_color = mix(vec3(0.0), m.sums[0], greaterThan(vec3(splat.b.zw, splat.c.x), vec3(0.0)));
+    color.cotangent = mix(vec3(0.0), m.sums[0], greaterThan(vec3(splat.b.zw, splat.c.x), vec3(0.0)));
+    color.color = has_color_matrix(instance) ? base_color(instance, local) : vec3(0.0);
 
-    vec3 mean_world = transform_point(instance.world_from_template, mean_of(instance, local));
-    Geometry g = geometry_of(instance, local, mean_world);
+    vec3 mean_world = transform_point(instance.world_from_template, gaussian.mean);
+    Geometry g = geometry_of(instance, gaussian, mean_world);
     SourceGradient out_gradient;
     float compensation;
     vec3 by_cov = covariance_gradient(g, conic, by_conic, by_opacity, opacity, compensation);
     // cov_px = J cov J^T: the gradient by the template's covariance is J^T by_cov J.
     vec3 hx = by_cov.x * g.jx + by_cov.y * g.jy;
     vec3 hy = by_cov.y * g.jx + by_cov.z * g.jy;
-    out_gradient.shape.covariance = g.jx * hx + g.jy * hy;
-    out_gradient.shape.covariance_cross = vec3(g.jx.x * hx.y + g.jy.x * hy.y, g.jx.x * hx.z + g.jy.x * hy.z, g.jx.y * hx.z + g.jy.y * hy.z);
+    out_gradient.covariance = g.jx * hx + g.jy * hy;
+    out_gradient.covariance_cross = vec3(g.jx.x * hx.y + g.jy.x * hy.y, g.jx.x * hx.z + g.jy.x * hy.z, g.jx.y * hx.z + g.jy.y * hy.z);
 
     mat3 a = linear_part(instance.world_from_template);
     vec3 seen = (mean_world - view.position_world) * a;
     float len = sqrt(dot(seen, seen));
     vec3 dir = len > 0.0 ? seen / len : vec3(0.0, 0.0, 1.0);
-    vec3 by_template_color = template_color_gradient(instance, by_color);
-    by_dir = direction_gradient(instance, local, dir, by_template_color);
+    vec3 by_template_color = template_color_gradient(instance, color.cotangent);
+    by_dir = direction_gradient(instance, local, dir, by_template_color, color.color);
     vec3 by_seen = len > 0.0 ? (by_dir - dir * dot(dir, by_dir)) / len : vec3(0.0);
-    vec3 by_view = mean_view_gradient(g, by_mean_px, by_cov, instance, local);
-    out_gradient.shape.mean = by_view * g.linear + (a * by_seen) * a;
+    vec3 by_view = mean_view_gradient(g, by_mean_px, by_cov, gaussian);
+    out_gradient.mean = by_view * g.linear + (a * by_seen) * a;
     out_gradient.look.color = by_template_color;
     out_gradient.look.direction = dir;
     float sigmoid = opacity / compensation;
@@ -264,25 +300,51 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, SplatMo
 
 // This also runs for splats that blend nothing: a zero gradient times an infinite parameter would be NaN.
 bool is_finite(SourceGradient g) {
-    bool shape = all(is_below(g.shape.mean, GRADIENT_MAX)) && all(is_below(g.shape.covariance, GRADIENT_MAX)) && all(is_below(g.shape.covariance_cross, GRADIENT_MAX));
+    bool shape = all(is_below(g.mean, GRADIENT_MAX)) && all(is_below(g.covariance, GRADIENT_MAX)) && all(is_below(g.covariance_cross, GRADIENT_MAX));
     bool look = all(is_below(g.look.color, GRADIENT_MAX)) && all(is_below(g.look.direction, GRADIENT_MAX));
     return shape && look && all(is_below(vec3(g.look.opacity_logit, g.look.mean_ndc, g.look.radius_px), GRADIENT_MAX));
 }
 
+mat3 symmetric(vec3 diagonal, vec3 cross_terms) {
+    return mat3(diagonal.x, cross_terms.x, cross_terms.y, cross_terms.x, diagonal.y, cross_terms.z, cross_terms.y, cross_terms.z,
+                diagonal.z);
+}
+
+// dL/dquat and dL/dlog_scales from the symmetric dL/dcovariance: cov = sum of sigma_i^2 r_i r_i^T over the columns r_i.
+ShapeGradient shape_gradient(Gaussian gaussian, SourceGradient g) {
+    mat3 r = rotation_from_quat(gaussian.quat);
+    vec3 variances = exp(2.0 * gaussian.log_scales);
+    mat3 d = symmetric(g.covariance, g.covariance_cross) * r;
+    vec3 by_log_scales = 2.0 * variances * vec3(dot(r[0], d[0]), dot(r[1], d[1]), dot(r[2], d[2]));
+    d = mat3(2.0 * variances.x * d[0], 2.0 * variances.y * d[1], 2.0 * variances.z * d[2]);
+    float largest = largest_component(gaussian.quat);
+    vec4 scaled = by_largest(gaussian.quat);
+    float len = sqrt(dot(scaled, scaled));
+    vec4 q = scaled / len;
+    float w = q.x, x = q.y, y = q.z, z = q.w;
+    vec4 by_unit = 2.0 * vec4(x * (d[1].z - d[2].y) + y * (d[2].x - d[0].z) + z * (d[0].y - d[1].x),
+                              w * (d[1].z - d[2].y) + y * (d[0].y + d[1].x) + z * (d[0].z + d[2].x) - 2.0 * x * (d[1].y + d[2].z),
+                              w * (d[2].x - d[0].z) + x * (d[0].y + d[1].x) + z * (d[1].z + d[2].y) - 2.0 * y * (d[0].x + d[2].z),
+                              w * (d[0].y - d[1].x) + x * (d[0].z + d[2].x) + y * (d[1].z + d[2].y) - 2.0 * z * (d[0].x + d[1].y));
+    vec4 by_quat = (by_unit - q * dot(q, by_unit)) / (len * largest);
+    // 0 times an infinite scale, or by a zero quaternion, would be NaN.
+    return ShapeGradient(g.mean, all(is_below(by_quat, GRADIENT_MAX)) ? by_quat : vec4(0.0),
+                         all(is_below(by_log_scales, GRADIENT_MAX)) ? by_log_scales : vec3(0.0));
+}
+
 // Contribution of one Gaussian to the gradient by its instance's pose. A rotation by w moves the mean by w x mean, the
 // covariance C by [w]x C - C [w]x, and the view direction in the template's frame by -w x direction.
-PoseGradient pose_gradient(Instance instance, uint local, SourceGradient g, vec3 by_dir) {
-    mat3 rotation = rotation_from_quat(quat_of(instance, local));
-    vec3 variances = exp(2.0 * log_scales_of(instance, local));
+PoseGradient pose_gradient(Gaussian gaussian, SourceGradient g, vec3 by_dir) {
+    mat3 rotation = rotation_from_quat(gaussian.quat);
+    vec3 variances = exp(2.0 * gaussian.log_scales);
     mat3 covariance = mat3(rotation[0] * variances.x, rotation[1] * variances.y, rotation[2] * variances.z) * transpose(rotation);
-    vec3 d = g.shape.covariance, c = g.shape.covariance_cross;
-    mat3 product = covariance * mat3(d.x, c.x, c.y, c.x, d.y, c.z, c.y, c.z, d.z);
-    vec3 mean = mean_of(instance, local);
+    vec3 mean = gaussian.mean;
+    mat3 product = covariance * symmetric(g.covariance, g.covariance_cross);
     PoseGradient p;
-    p.translation = g.shape.mean;
-    p.rotation = cross(mean, g.shape.mean) - cross(g.look.direction, by_dir) +
+    p.translation = g.mean;
+    p.rotation = cross(mean, g.mean) - cross(g.look.direction, by_dir) +
                  2.0 * vec3(product[2].y - product[1].z, product[0].z - product[2].x, product[1].x - product[0].y);
-    p.log_scale = dot(mean, g.shape.mean) + 2.0 * (product[0].x + product[1].y + product[2].z);
+    p.log_scale = dot(mean, g.mean) + 2.0 * (product[0].x + product[1].y + product[2].z);
     bool finite = all(is_below(p.translation, GRADIENT_MAX)) && all(is_below(vec4(p.rotation, p.log_scale), GRADIENT_MAX));
     return finite ? p : PoseGradient(vec3(0.0), vec3(0.0), 0.0);
 }
@@ -307,21 +369,26 @@ PoseGradient write_gradients(uint w, uint lane, SplatMoments m) {
     enter_window(window, instance.first_source, instance.first_in_band);
     uint slot = w * WORKGROUP_SIZE + lane;
     uint local = footprints[slot].local;
-    vec3 by_dir, by_color;
-    SourceGradient g = source_gradient(instance, local, slot, m, by_dir, by_color);
+    Gaussian gaussian = Gaussian(mean_of(instance, local), quat_of(instance, local), log_scales_of(instance, local));
+    vec3 by_dir;
+    ColorTerms color;
+    SourceGradient g = source_gradient(instance, local, gaussian, slot, m, by_dir, color);
     // The buffer holds 0 wherever nothing is written.
     if (!is_finite(g)) return none;
     uint place = w * WORKGROUP_SIZE + local - item.chunk * WORKGROUP_SIZE;
-    shape_gradients[place] = g.shape;
+    ShapeGradient by_shape = shape_gradient(gaussian, g);
+    shape_gradients[place] = by_shape;
     look_gradients[place] = g.look;
-    if (has_color_matrix(instance) && all(is_below(by_color, GRADIENT_MAX))) color_cotangents[place] = by_color;
+    if (has_color_matrix(instance) && all(is_below(color.cotangent, GRADIENT_MAX))) color_terms[place] = color;
     if (instance.first_offset != NO_OFFSET) {
         uint k = instance.first_offset + local;
-        offset_mean_gradients[k] = g.shape.mean;
+        offset_mean_gradients[k] = g.mean;
         offset_sh_dc_gradients[k] = 0.28209479177387814 * g.look.color;
         offset_logit_gradients[k] = g.look.opacity_logit;
+        if (OFFSET_LOG_SCALES != 0) offset_log_scale_gradients[k] = by_shape.log_scales;
+        if (OFFSET_QUATS != 0) offset_quat_gradients[k] = by_shape.quat;
     }
-    return POSES != 0 && item.instance < posed_rows ? pose_gradient(instance, local, g, by_dir) : none;
+    return POSES != 0 && item.instance < posed_rows ? pose_gradient(gaussian, g, by_dir) : none;
 }
 
 void main() {

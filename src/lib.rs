@@ -118,7 +118,9 @@
 //!   status, records                        train_status                 overflow flag, loss, counts
 //!   isect_moments     [emission, block]    tile_blend_backward          replay front to back: 9 sums per splat and 8x8 block
 //!   shape_gradients, look_gradients [work item, local]   preprocess_instance_expand_backward   template frame; offsets go to their owner
+//!   color_terms       [work item, local]   preprocess_instance_expand_backward   if instances have colour matrices
 //!   gradients         [source]             gather_gradients             sums over instances, in instance order
+//!   color_from_template gradients [instance] gather_color_gradients     if instances have colour matrices
 //!   pose_gradients    [instance]           gather_pose_gradients        if places of instances are refined
 //!   parameters, moments [source]           mcmc_regularise, adam, mcmc_noise     in place
 //!   instances         [instance]           refine_poses                 in place

@@ -9,9 +9,9 @@ struct SplatMoments {
 // The gradient by one Gaussian of one instance, in the template's frame, in two arrays: one of both would be too large for a
 // binding of 128 MiB from 1.9 million Gaussians on.
 struct ShapeGradient {
-    vec3 mean;              // by mean plus offset
-    vec3 covariance;        // by the covariance's xx, yy, zz
-    vec3 covariance_cross;  // by xy, xz, yz, each of the two equal entries
+    vec3 mean;        // by mean plus offset
+    vec4 quat;        // by quaternion plus offset, not normalised
+    vec3 log_scales;  // by log standard deviations plus offset
 };
 
 struct LookGradient {
@@ -20,6 +20,12 @@ struct LookGradient {
     float opacity_logit;  // by the logit plus offset
     float mean_ndc;       // length of the gradient by the centre, in units of half the image
     float radius_px;      // three standard deviations on the screen
+};
+
+// What one Gaussian adds to the gradient by its instance's colour matrix: the outer product of `cotangent` and (color, 1).
+struct ColorTerms {
+    vec3 cotangent;  // by the colour after the matrix, 0 where that is clamped
+    vec3 color;      // the template's, before the matrix
 };
 
 // The gradient by the pose of an instance, for a step applied before its transform, in the template's frame: A' = A

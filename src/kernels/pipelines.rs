@@ -85,6 +85,8 @@ pub struct BackwardPipelines {
     pub gather_gradients: Pipeline<gather_gradients::GatherGradients>,
     /// The same for steps in which offsets of SH bands above 0 do not learn; `None` for scenes without such offsets.
     pub gather_gradients_but_sh_offsets: Option<Pipeline<gather_gradients::GatherGradients>>,
+    /// The same for Gaussians that no more than one row shows: the background and instances' own.
+    pub gather_gradients_of_one: Pipeline<gather_gradients::GatherGradients>,
     /// In scenes with colour matrices.
     pub gather_color_gradients: Option<Pipeline<gather_color_gradients::GatherColorGradients>>,
     pub gather_pose_gradients: Pipeline<gather_pose_gradients::GatherPoseGradients>,
@@ -334,9 +336,15 @@ impl BackwardPipelines {
         let size = variant.workgroup_size;
         let tile = ("TILE_SIZE", variant.tile_size);
         let transpose = ("TRANSPOSE", u32::from(variant.transpose_moments));
-        let gather = |traits: SceneTraits| {
-            let own = ("OWN_MAY_GROW", u32::from(traits.own_may_grow));
-            compiler.compile(size, &[&[own, traits.windowed_constant()][..], &traits.constants()].concat())
+        let gather = |traits: SceneTraits, one: bool| {
+            let constants = [
+                ("SH_DEGREE", traits.sh_degree),
+                ("OFFSET_SH_REST", traits.offset_sh_rest),
+                ("OWN_MAY_GROW", u32::from(traits.own_may_grow)),
+                ("ONE_INSTANCE", u32::from(one)),
+                traits.windowed_constant(),
+            ];
+            compiler.compile(size, &constants)
         };
         Ok(Self {
             poses,
@@ -363,16 +371,14 @@ impl BackwardPipelines {
                 ]
                 .concat(),
             )?,
-            gather_gradients: gather(traits)?,
+            gather_gradients: gather(traits, false)?,
+            gather_gradients_of_one: gather(traits, true)?,
             gather_gradients_but_sh_offsets: match traits.offset_sh_rest {
                 0 => None,
-                _ => Some(gather(SceneTraits { offset_sh_rest: 0, ..traits })?),
+                _ => Some(gather(SceneTraits { offset_sh_rest: 0, ..traits }, false)?),
             },
             gather_color_gradients: match traits.color_matrices {
-                true => {
-                    let rest = ("OFFSET_SH_REST", traits.offset_sh_rest);
-                    Some(compiler.compile(size, &[("SH_DEGREE", traits.sh_degree), rest, traits.windowed_constant()])?)
-                }
+                true => Some(compiler.compile(size, &[])?),
                 false => None,
             },
             gather_pose_gradients: compiler.compile(size, &[])?,

@@ -146,7 +146,7 @@ pub fn record_gradients(
     recorder.fill(&mut buffers.shape_gradients, 0)?;
     recorder.fill(&mut buffers.look_gradients, 0)?;
     if inputs.pipelines.gather_color_gradients.is_some() {
-        recorder.fill(&mut buffers.color_cotangents, 0)?;
+        recorder.fill(&mut buffers.color_terms, 0)?;
     }
     let offsets = gradients.parameters.scalars_mut().into_iter().filter(|(p, _)| p.owner() == Owner::Offset);
     for (_, buffer) in offsets.filter(|(p, _)| inputs.wanted.has(*p)) {
@@ -222,8 +222,12 @@ fn record_expand_backward(
         offset_mean_gradients: &mut by.offset_means,
         offset_sh_dc_gradients: &mut by.offset_sh_dc,
         offset_logit_gradients: &mut by.offset_opacity_logits,
+        offset_log_scale_gradients: &mut by.offset_log_scales,
+        offset_quat_gradients: &mut by.offset_quats,
         color_from_template: &parameters.color_from_template,
-        color_cotangents: &mut buffers.color_cotangents,
+        color_terms: &mut buffers.color_terms,
+        sh0: &parameters.sh0,
+        offset_sh_dc: &parameters.offset_sh_dc,
     };
     let params = preprocess_instance_expand_backward::Params {
         view: inputs.forward.view,
@@ -237,6 +241,7 @@ fn record_expand_backward(
     recorder.dispatch_indirect_parts(pipeline, &frame.scratch.args, per_item, &params, bindings, &scene.parts(window))
 }
 
+/// Chunks that several rows may show get sums over these, the others have a kernel without.
 fn record_gather(
     recorder: &mut Recorder,
     inputs: &BackwardInputs<'_>,
@@ -246,53 +251,50 @@ fn record_gather(
     gradients: &mut GradientBuffers,
     window: &SourceWindow,
 ) -> Result<(), GpuError> {
-    let scene = inputs.forward.scene;
+    let (scene, tables) = (inputs.forward.scene, inputs.tables);
     let mut parts = scene.parts(window);
     if scene.windows.are_several() {
         parts.extend(gradients.parts(window));
     }
-    let (parameters, by) = (&scene.parameters, &mut gradients.parameters);
-    let bindings = gather_gradients::Bindings {
-        source_chunks: &inputs.tables.chunks,
-        instance_from_template: &inputs.tables.instance_from_template,
-        instance_chunks: &frame.instance_chunks,
-        candidate_offsets: &frame.candidate_offsets,
-        candidate_visible: &frame.candidate_visible,
-        work_offsets: &frame.work_offsets,
-        counters: &frame.scratch.counters,
-        shape_gradients: &buffers.shape_gradients,
-        look_gradients: &buffers.look_gradients,
-        quats: &parameters.quats,
-        log_scales: &parameters.log_scales,
-        mean_gradients: &mut by.means,
-        quat_gradients: &mut by.quats,
-        log_scale_gradients: &mut by.log_scales,
-        opacity_logit_gradients: &mut by.opacity_logits,
-        sh0_gradients: &mut by.sh0,
-        sh1_gradients: &mut by.sh1,
-        sh2_gradients: &mut by.sh2,
-        sh3_gradients: &mut by.sh3,
-        screen_statistics: &mut gradients.screen_statistics,
-        record_statistics: &mut gradients.record_statistics,
-        instances: &scene.instances,
-        offset_log_scales: &parameters.offset_log_scales,
-        offset_quats: &parameters.offset_quats,
-        offset_sh_rest_gradients: &mut by.offset_sh_rest,
-        offset_log_scale_gradients: &mut by.offset_log_scales,
-        offset_quat_gradients: &mut by.offset_quats,
-        status: &log.status,
-    };
-    let chunk_count = inputs.tables.chunk_count;
-    let params = gather_gradients::Params { chunk_count, window: window.shown };
     let but_sh_offsets = inputs.pipelines.gather_gradients_but_sh_offsets.as_ref();
-    let pipeline = but_sh_offsets.filter(|_| !inputs.wanted.sh_offsets);
-    recorder.dispatch_parts(
-        pipeline.unwrap_or(&inputs.pipelines.gather_gradients),
-        Grid::groups(chunk_count),
-        &params,
-        bindings,
-        &parts,
-    )
+    let shared = but_sh_offsets.filter(|_| !inputs.wanted.sh_offsets).unwrap_or(&inputs.pipelines.gather_gradients);
+    let shown_once = tables.shared_chunks..tables.chunk_count;
+    for (pipeline, chunks) in
+        [(shared, 0..tables.shared_chunks), (&inputs.pipelines.gather_gradients_of_one, shown_once)]
+    {
+        if chunks.is_empty() {
+            continue;
+        }
+        let by = &mut gradients.parameters;
+        let bindings = gather_gradients::Bindings {
+            source_chunks: &tables.chunks,
+            instance_from_template: &tables.instance_from_template,
+            instance_chunks: &frame.instance_chunks,
+            candidate_offsets: &frame.candidate_offsets,
+            candidate_visible: &frame.candidate_visible,
+            work_offsets: &frame.work_offsets,
+            counters: &frame.scratch.counters,
+            shape_gradients: &buffers.shape_gradients,
+            look_gradients: &buffers.look_gradients,
+            mean_gradients: &mut by.means,
+            quat_gradients: &mut by.quats,
+            log_scale_gradients: &mut by.log_scales,
+            opacity_logit_gradients: &mut by.opacity_logits,
+            sh0_gradients: &mut by.sh0,
+            sh1_gradients: &mut by.sh1,
+            sh2_gradients: &mut by.sh2,
+            sh3_gradients: &mut by.sh3,
+            screen_statistics: &mut gradients.screen_statistics,
+            record_statistics: &mut gradients.record_statistics,
+            instances: &scene.instances,
+            offset_sh_rest_gradients: &mut by.offset_sh_rest,
+            status: &log.status,
+        };
+        let chunk_count = chunks.len() as u32;
+        let params = gather_gradients::Params { first_chunk: chunks.start, chunk_count, window: window.shown };
+        recorder.dispatch_parts(pipeline, Grid::groups(chunk_count), &params, bindings, &parts)?;
+    }
+    Ok(())
 }
 
 /// Gradients by colour matrices, in scenes that have them.
@@ -305,33 +307,18 @@ fn record_gather_colors(
 ) -> Result<(), GpuError> {
     let Some(pipeline) = &inputs.pipelines.gather_color_gradients else { return Ok(()) };
     let scene = inputs.forward.scene;
-    let parameters = &scene.parameters;
-    if scene.windows.are_several() {
-        recorder.fill(&mut gradients.parameters.color_from_template, 0)?;
-    }
-    for window in scene.windows.iter() {
-        let bindings = gather_color_gradients::Bindings {
-            instance_chunks: &frame.instance_chunks,
-            candidate_offsets: &frame.candidate_offsets,
-            candidate_visible: &frame.candidate_visible,
-            work_offsets: &frame.work_offsets,
-            counters: &frame.scratch.counters,
-            instances: &scene.instances,
-            look_gradients: &buffers.look_gradients,
-            color_cotangents: &buffers.color_cotangents,
-            sh0: &parameters.sh0,
-            sh1: &parameters.sh1,
-            sh2: &parameters.sh2,
-            sh3: &parameters.sh3,
-            offset_sh_dc: &parameters.offset_sh_dc,
-            offset_sh_rest: &parameters.offset_sh_rest,
-            color_from_template_gradients: &mut gradients.parameters.color_from_template,
-        };
-        let posed_rows = scene.posed_rows();
-        let params = gather_color_gradients::Params { posed_rows, window: window.shown };
-        recorder.dispatch_parts(pipeline, Grid::groups(posed_rows), &params, bindings, &scene.parts(&window))?;
-    }
-    Ok(())
+    let bindings = gather_color_gradients::Bindings {
+        instance_chunks: &frame.instance_chunks,
+        candidate_offsets: &frame.candidate_offsets,
+        candidate_visible: &frame.candidate_visible,
+        work_offsets: &frame.work_offsets,
+        counters: &frame.scratch.counters,
+        instances: &scene.instances,
+        color_terms: &buffers.color_terms,
+        color_from_template_gradients: &mut gradients.parameters.color_from_template,
+    };
+    let params = gather_color_gradients::Params { posed_rows: scene.posed_rows() };
+    recorder.dispatch(pipeline, Grid::groups(scene.posed_rows()), &params, bindings)
 }
 
 fn record_gather_poses(

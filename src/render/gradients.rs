@@ -66,12 +66,15 @@ impl GradientBuffers {
 
 /// For each chunk of source Gaussians, the rows of the instance table that show it.
 pub struct SourceTables {
-    /// All chunks of the source pool, templates first.
+    /// All chunks of the source pool: first those of templates and of what several instances own together.
     pub chunks: Buffer<types::SourceChunk>,
     /// Rows, template by template, in file order; then those of instances' own Gaussians, and the background's.
     pub instance_from_template: Buffer<u32>,
     /// Number of elements of `chunks`.
     pub chunk_count: u32,
+    /// Number of chunks, from the first on, that several rows may show, or that have offset records. No more than one row shows
+    /// each of the others.
+    pub shared_chunks: u32,
     /// The largest number of instances that show a Gaussian.
     pub most_instances: u32,
 }
@@ -79,59 +82,93 @@ pub struct SourceTables {
 impl SourceTables {
     /// The tables of a layout for kernels with `chunk_size` threads per work-group.
     pub fn new(gpu: &Arc<Gpu>, layout: &SourceLayout, chunk_size: u32) -> Result<Self, GpuError> {
-        let (chunks, instances) = source_tables(layout, chunk_size);
+        let HostTables { chunks, rows, shared_chunks } = source_tables(layout, chunk_size);
         Ok(Self {
             chunks: upload(gpu, "source chunks", &chunks)?,
-            instance_from_template: upload(gpu, "instance_from_template", &instances)?,
+            instance_from_template: upload(gpu, "instance_from_template", &rows)?,
             chunk_count: chunks.len() as u32,
+            shared_chunks,
             most_instances: chunks.iter().map(|chunk| chunk.instance_count).max().unwrap_or(0),
         })
     }
 }
 
-fn source_tables(layout: &SourceLayout, chunk_size: u32) -> (Vec<types::SourceChunk>, Vec<u32>) {
-    let (mut chunks, mut instances) = (Vec::new(), Vec::new());
-    let mut push = |first_source: u32, count: u32, of_template: &[u32], sh_degree: u32, first_in_band: [u32; 3]| {
-        for chunk in 0..count.div_ceil(chunk_size) {
-            chunks.push(types::SourceChunk {
-                first_source,
-                source_count: count,
-                chunk,
-                first_instance: instances.len() as u32,
-                instance_count: of_template.len() as u32,
-                sh_degree,
-                first_in_band,
-            });
-        }
-        instances.extend_from_slice(of_template);
+/// [`SourceTables`] before they are uploaded.
+#[derive(Default)]
+struct HostTables {
+    chunks: Vec<types::SourceChunk>,
+    /// `instance_from_template`.
+    rows: Vec<u32>,
+    shared_chunks: u32,
+}
+
+/// Source Gaussians that the same rows show.
+struct Shown<'a> {
+    range: SourceRange,
+    rows: &'a [u32],
+    sh_degree: u32,
+    /// Index of the first of them in SH bands 1, 2, 3.
+    first_in_band: [u32; 3],
+}
+
+impl HostTables {
+    fn push(&mut self, shown: Shown<'_>, chunk_size: u32) {
+        let Shown { range, rows, sh_degree, first_in_band } = shown;
+        self.chunks.extend((0..range.count.div_ceil(chunk_size)).map(|chunk| types::SourceChunk {
+            first_source: range.first,
+            source_count: range.count,
+            chunk,
+            first_instance: self.rows.len() as u32,
+            instance_count: rows.len() as u32,
+            sh_degree,
+            first_in_band,
+        }));
+        self.rows.extend_from_slice(rows);
+    }
+}
+
+fn source_tables(layout: &SourceLayout, chunk_size: u32) -> HostTables {
+    let mut tables = HostTables::default();
+    let push_posed = |tables: &mut HostTables, range: SourceRange, rows: &[u32]| {
+        let sh_degree = layout.templates.sh_degree;
+        tables.push(Shown { range, rows, sh_degree, first_in_band: [range.first; 3] }, chunk_size);
     };
-    let rows = layout.first_rows();
+    let first_rows = layout.first_rows();
     for (t, range) in layout.template_ranges.iter().enumerate() {
         let uses = |k: &usize| layout.instances[*k].template as usize == t;
-        let of_template: Vec<u32> = (0..layout.instances.len()).filter(uses).map(|k| rows[k]).collect();
-        push(range.first, range.count, &of_template, layout.templates.sh_degree, [range.first; 3]);
+        let rows: Vec<u32> = (0..layout.instances.len()).filter(uses).map(|k| first_rows[k]).collect();
+        push_posed(&mut tables, *range, &rows);
     }
+    let mut rows_of_own: BTreeMap<SourceRange, Vec<u32>> = BTreeMap::new();
+    for k in (0..layout.instances.len()).filter(|&k| layout.own_sources(k).count > 0) {
+        rows_of_own.entry(layout.own_sources(k)).or_default().push(first_rows[k] + 1);
+    }
+    let (shared, single): (Vec<_>, Vec<_>) = rows_of_own.into_iter().partition(|(_, rows)| rows.len() > 1);
+    for (own, rows) in shared {
+        push_posed(&mut tables, own, &rows);
+    }
+    tables.shared_chunks = tables.chunks.len() as u32;
     // Gaussians that no template shows have gradients of zero.
     let mut ranges: Vec<SourceRange> = layout.template_ranges.iter().copied().filter(|range| range.count > 0).collect();
     ranges.sort_by_key(|range| range.first);
     let end = SourceRange { first: layout.templates.len as u32, count: 0 };
     let mut first = 0;
     for range in ranges.into_iter().chain([end]) {
-        push(first, range.first.saturating_sub(first), &[], layout.templates.sh_degree, [first; 3]);
+        push_posed(&mut tables, SourceRange { first, count: range.first.saturating_sub(first) }, &[]);
         first = first.max(range.first + range.count);
     }
-    let mut rows_of_own: BTreeMap<SourceRange, Vec<u32>> = BTreeMap::new();
-    for k in (0..layout.instances.len()).filter(|&k| layout.own_sources(k).count > 0) {
-        rows_of_own.entry(layout.own_sources(k)).or_default().push(rows[k] + 1);
-    }
-    for (own, rows) in rows_of_own {
-        push(own.first, own.count, &rows, layout.templates.sh_degree, [own.first; 3]);
+    for (own, rows) in single {
+        push_posed(&mut tables, own, &rows);
     }
     let posed = layout.posed();
-    let first_in_band = [1, 2, 3].map(|l| if posed.sh_degree >= l { posed.len as u32 } else { 0 });
-    let background = [rows[layout.instances.len()]];
-    push(posed.len as u32, layout.background.len as u32, &background, layout.background.sh_degree, first_in_band);
-    (chunks, instances)
+    let background = Shown {
+        range: SourceRange { first: posed.len as u32, count: layout.background.len as u32 },
+        rows: &[first_rows[layout.instances.len()]],
+        sh_degree: layout.background.sh_degree,
+        first_in_band: [1, 2, 3].map(|l| if posed.sh_degree >= l { posed.len as u32 } else { 0 }),
+    };
+    tables.push(background, chunk_size);
+    tables
 }
 
 /// Intermediate buffers of a training step, sized by the plan of its frame.
@@ -154,8 +191,8 @@ pub struct BackwardBuffers {
     pub shape_gradients: Buffer<types::ShapeGradient>,
     /// Gradients by their colours and opacities, and what else is summed over instances, as `shape_gradients`.
     pub look_gradients: Buffer<types::LookGradient>,
-    /// Gradients by colours after the instance's colour matrix, as `shape_gradients`; one element without matrices.
-    pub color_cotangents: Buffer<[f32; 3]>,
+    /// Terms of the gradients by instances' colour matrices, as `shape_gradients`; one element without matrices.
+    pub color_terms: Buffer<types::ColorTerms>,
     /// Gradients by poses, by work item and subgroup; one element without pose refinement.
     pub pose_sums: Buffer<types::PoseGradient>,
 }
@@ -183,7 +220,7 @@ impl BackwardBuffers {
             isect_moments: Buffer::new(gpu, "isect_moments", moments)?,
             shape_gradients: Buffer::new(gpu, "shape_gradients", plan.slots as usize)?,
             look_gradients: Buffer::new(gpu, "look_gradients", plan.slots as usize)?,
-            color_cotangents: Buffer::new(gpu, "color_cotangents", colored as usize)?,
+            color_terms: Buffer::new(gpu, "color_terms", colored as usize)?,
             pose_sums: Buffer::new(gpu, "pose_sums", subgroups as usize)?,
         })
     }
@@ -199,7 +236,7 @@ impl BackwardBuffers {
             + self.isect_moments.bytes()
             + self.shape_gradients.bytes()
             + self.look_gradients.bytes()
-            + self.color_cotangents.bytes()
+            + self.color_terms.bytes()
             + self.pose_sums.bytes()
     }
 }
@@ -254,9 +291,11 @@ mod tests {
             own_ranges: Vec::new(),
             offsets: 0,
         };
-        let (chunks, _) = source_tables(&layout, 2);
+        let tables = source_tables(&layout, 2);
+        // Of the range of three and of the second, which two instances show.
+        assert_eq!(tables.shared_chunks, 4);
         let mut instances_of = vec![None; 15];
-        for chunk in &chunks {
+        for chunk in &tables.chunks {
             let begin = chunk.first_source + 2 * chunk.chunk;
             let end = (begin + 2).min(chunk.first_source + chunk.source_count);
             for source in begin..end {

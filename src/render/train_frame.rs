@@ -59,8 +59,8 @@ pub struct GradientStep<'a> {
 
 /// Bytes of a splat slot in the widest of the arrays that have one.
 pub const LARGEST_OF_SLOT: u64 = {
-    let (splat, look) = (size_of::<types::Splat>(), size_of::<types::LookGradient>());
-    if splat > look { splat as u64 } else { look as u64 }
+    let (splat, shape) = (size_of::<types::Splat>(), size_of::<types::ShapeGradient>());
+    if splat > shape { splat as u64 } else { shape as u64 }
 };
 
 impl TrainFrame {

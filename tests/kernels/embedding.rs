@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::DVec3;
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuError, GpuOptions, ImageTarget, Pipeline, PipelineCache, vk};
-use instgs_vk::kernels::gather_gradients::GatherGradients;
+use instgs_vk::kernels::preprocess_instance_expand_backward::PreprocessInstanceExpandBackward;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{
     Arrived, Capacities, DeviceScene, ImageFrames, Readback, RenderError, RenderOptions, Renderer,
@@ -244,9 +244,9 @@ fn drawing_does_not_ask_for_what_training_needs() {
     draw(&enough).unwrap();
     let cache = PipelineCache::new(&enough, None).unwrap();
     let size = enough.caps().subgroup_sizes()[0];
-    match Pipeline::<GatherGradients>::new(&enough, &cache, size, &[]).err() {
+    match Pipeline::<PreprocessInstanceExpandBackward>::new(&enough, &cache, size, &[]).err() {
         Some(GpuError::TooManyBindings { kernel, needed, limit: 23, .. }) => {
-            assert_eq!((kernel.as_str(), needed), ("gather_gradients", 28));
+            assert_eq!((kernel.as_str(), needed), ("preprocess_instance_expand_backward", 31));
         }
         other => panic!("{other:?}"),
     }
