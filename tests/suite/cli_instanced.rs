@@ -311,6 +311,8 @@ fn the_comparison_has_all_its_rows_and_is_not_done_twice() {
         assert!(rows.iter().all(|r| r["psnr"].as_f64().unwrap() > 5.0 && r["psnr_in_masks"].is_number()));
         let file = |i: usize| rows[i]["file_bytes"].as_u64().unwrap();
         assert!(2 * file(6) < file(5) && file(5) < file(4) && file(4) < file(3));
+        // Both packed as f16.
+        assert!(file(2) <= file(4), "{rows:?}");
         assert_eq!(rows[1]["steps"], 90);
         // The time of a cloud that was trained on is that of all its steps, once.
         let report = json(at.join(format!("c/seed_{}/same_time/report.json", result["seed"])));

@@ -17,8 +17,8 @@ use instgs_train::interrupt::Interrupt;
 /// Compares an instanced scene with plain clouds of the same training time or the same number of bytes.
 ///
 /// For each seed: the plain cloud and the instanced scene made from it; the cloud trained on for as long as the
-/// instanced scene took in all; a cloud whose .ply is not larger than the instanced scene packed as f16, trained as
-/// long. All are rendered from the test views by the same renderer. OUT gets seed_S/ with a run folder each,
+/// instanced scene took in all; a cloud that packed as f16 is not larger than the instanced scene packed as f16, trained
+/// as long. All are rendered from the test views by the same renderer. OUT gets seed_S/ with a run folder each,
 /// compare.json and compare.md; runs that exist are not repeated.
 #[derive(Args)]
 #[command(after_help = "Example:\n  \
@@ -69,7 +69,7 @@ pub(super) fn run(args: &CompareArgs, device_args: &DeviceArgs, printer: &Printe
     let interrupt = Interrupt::on_ctrl_c()?;
     let gpu = device::open(device_args.choice())?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
-    let results = compare(&session, &comparison, &mut |_, _| ())?;
+    let results = compare(&session, &comparison, &mut |_, _| ())?.seeds;
     device::check_validation(&gpu)?;
     if args.json { printer.json(&results) } else { Ok(()) }
 }
@@ -117,6 +117,7 @@ mod tests {
 
     use super::*;
     use crate::comparison::keep_config;
+    use crate::origin::Origin;
 
     #[derive(Parser)]
     struct Line {
@@ -124,22 +125,29 @@ mod tests {
         compare: CompareArgs,
     }
 
-    /// A folder with the results of another comparison is refused.
+    /// A folder with the results of another comparison, program or device is refused.
     #[test]
     fn a_folder_of_another_comparison_is_refused() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let out = folder.path().display().to_string();
-        let keep = |words: &str| {
+        let here = Origin { program: "0.1.0 (1)".into(), device: "a".into() };
+        let keep_of = |words: &str, origin: &Origin| {
             let words = format!("x --out {out} --masks m {words}");
             let line = Line::try_parse_from(words.split_whitespace())?;
-            Ok::<_, Box<dyn std::error::Error>>(keep_config(&line.compare.comparison()?))
+            Ok::<_, Box<dyn std::error::Error>>(keep_config(&line.compare.comparison()?, origin))
         };
+        let keep = |words: &str| keep_of(words, &here);
         keep("--data d --set steps=9")??;
         let kept = std::fs::read(folder.path().join("config.toml"))?;
         keep("--data d --set steps=9")??;
         for other in ["--data d --set steps=8", "--data e --set steps=9", "--data d --set steps=9 --more-steps 4"] {
             let text = keep(other)?.expect_err(other).to_string();
             assert!(text.contains("config.toml") && text.contains("another comparison"), "{text}");
+        }
+        let rebuilt = Origin { program: "0.1.0 (2)".into(), ..here.clone() };
+        for other in [rebuilt, Origin { device: "b".into(), ..here.clone() }] {
+            let text = keep_of("--data d --set steps=9", &other)?.expect_err("another origin").to_string();
+            assert!(text.contains("another build") && text.contains("another device"), "{text}");
         }
         assert_eq!(std::fs::read(folder.path().join("config.toml"))?, kept);
         Ok(())

@@ -76,7 +76,7 @@ pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &P
         lpips: None,
     };
     let mut grid = Grid::default();
-    let results = compare(&session, &comparison, &mut |name, view| grid.add(name, view))?;
+    let results = compare(&session, &comparison, &mut |name, view| grid.add(name, view))?.seeds;
     device::check_validation(&gpu)?;
     let report = DemoReport {
         pictures: args.out.join("pictures.png"),

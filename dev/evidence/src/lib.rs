@@ -8,6 +8,8 @@ mod compare;
 mod comparison;
 mod data_set;
 mod demo;
+mod gains;
+pub mod origin;
 mod picture_grid;
 pub mod protocol;
 pub mod results;

@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use instgs_eval::{EvalError, Evaluated, Extras, Lpips, PairError, PicturePair, evaluate, psnr};
 use instgs_io::{IoError, MaskFolder, View, load_scene};
+use instgs_train::config::TrainConfig;
 use instgs_vk::gpu::Gpu;
+use instgs_vk::math::digits::grouped;
 use instgs_vk::render::{RenderError, RenderOptions, Renderer};
 use instgs_vk::scene::RepeatedBytes;
 
@@ -20,7 +22,7 @@ pub mod names {
     pub const SAME_TIME: &str = "3DGS, same time";
     /// A plain cloud trained for the same number of steps in one run, so that its learning rates decay once.
     pub const AT_ONCE: &str = "3DGS, same time at once";
-    /// A plain cloud whose .ply is at most as large as the packed instanced scene.
+    /// A plain cloud of as many steps as [`SAME_TIME`], whose f16 file is at most as large as that of [`OURS_F16`].
     pub const SAME_BYTES: &str = "3DGS, same bytes";
     /// The same number of Gaussians, placed by 3DGS-MCMC.
     pub const MCMC: &str = "3DGS-MCMC, same time";
@@ -70,6 +72,36 @@ impl SeedResult {
     /// The row with the given name.
     pub fn row(&self, name: &str) -> Option<&Row> {
         self.rows.iter().find(|row| row.name == name)
+    }
+}
+
+/// The most Gaussians that a comparison's scenes may draw.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct DrawLimits {
+    /// Of plain clouds: `max_gaussians`.
+    pub plain: u32,
+    /// Of instanced scenes, expanded: `max_gaussians` times `joint.max_expanded`.
+    pub instanced: u32,
+}
+
+impl DrawLimits {
+    /// The limits of runs with this configuration.
+    pub(crate) fn of(config: &TrainConfig) -> Self {
+        Self { plain: config.max_gaussians, instanced: config.joint_phase().max_gaussians }
+    }
+
+    /// A sentence about what each may draw; `None` if instanced scenes may draw no more than plain ones.
+    pub(crate) fn text(self) -> Option<String> {
+        let Self { plain, instanced } = self;
+        (instanced > plain).then(|| {
+            format!(
+                "InstGS may draw up to {} Gaussians (max_gaussians times joint.max_expanded), its rivals up to {} \
+                 (max_gaussians; those of the same bytes as many as fit)",
+                grouped(u64::from(instanced)),
+                grouped(u64::from(plain))
+            )
+        })
     }
 }
 
@@ -201,5 +233,23 @@ impl Measure<'_> {
             Err(PairError::NothingToCompare) => Ok(None),
             Err(error) => Err(EvalError::Pair { view: name.into(), error }.into()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_each_may_draw_is_said_where_instances_may_draw_more() {
+        let limits = |max_expanded: f64| {
+            let mut config = TrainConfig { max_gaussians: 40_000, ..TrainConfig::default() };
+            config.joint.max_expanded = max_expanded;
+            DrawLimits::of(&config)
+        };
+        assert_eq!(limits(1.2), DrawLimits { plain: 40_000, instanced: 48_000 });
+        let text = limits(1.2).text().unwrap_or_default();
+        assert!(text.contains("48,000") && text.contains("40,000") && text.contains("max_expanded"), "{text}");
+        assert_eq!([limits(1.0).text(), limits(0.6).text()], [None, None]);
     }
 }

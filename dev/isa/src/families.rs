@@ -80,6 +80,27 @@ pub fn compile_for<'a>(
     started.into_iter().map(|(family, running)| Ok((family.clone(), running.finish(family)?))).collect()
 }
 
+/// The command that compiles for one family and reports as JSON.
+fn command_for(program: &Path, family: &str, driver: &Path) -> Command {
+    let mut command = Command::new(program);
+    command
+        .args(["here", "--json"])
+        // The new name of this variable, and the one that older loaders know.
+        .env("VK_DRIVER_FILES", driver)
+        .env("VK_ICD_FILENAMES", driver)
+        .env("RADV_FORCE_FAMILY", family)
+        // A kernel that comes from the cache has no statistics.
+        .env("MESA_SHADER_CACHE_DISABLE", "1")
+        .env_remove("VK_INSTANCE_LAYERS")
+        .env_remove("INSTGS_DEVICE")
+        // Budgets are of the kernels as they are, not of those that somebody measures with other numbers.
+        .env_remove("INSTGS_TUNING")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command
+}
+
 /// A process of this program that compiles; ended if it is given up.
 struct Running(Option<Child>);
 
@@ -88,20 +109,7 @@ impl Running {
         let start =
             |source, program: &Path| FamilyError::Start { family: family.into(), program: program.into(), source };
         let program = std::env::current_exe().map_err(|e| start(e, Path::new("this program")))?;
-        let child = Command::new(&program)
-            .args(["here", "--json"])
-            // The new name of this variable, and the one that older loaders know.
-            .env("VK_DRIVER_FILES", driver)
-            .env("VK_ICD_FILENAMES", driver)
-            .env("RADV_FORCE_FAMILY", family)
-            // A kernel that comes from the cache has no statistics.
-            .env("MESA_SHADER_CACHE_DISABLE", "1")
-            .env_remove("VK_INSTANCE_LAYERS")
-            .env_remove("INSTGS_DEVICE")
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn();
+        let child = command_for(&program, family, driver).spawn();
         child.map(|child| Self(Some(child))).map_err(|e| start(e, &program))
     }
 
@@ -129,5 +137,23 @@ impl Drop for Running {
             let _ = child.kill();
             let _ = child.wait();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsStr;
+
+    use super::*;
+
+    #[test]
+    fn what_the_user_set_for_other_work_does_not_reach_the_compiler() {
+        let command = command_for(Path::new("program"), "navi21", Path::new("driver.json"));
+        let variables: BTreeMap<&OsStr, Option<&OsStr>> = command.get_envs().collect();
+        let of = |name: &str| variables.get(OsStr::new(name)).copied();
+        for name in ["INSTGS_TUNING", "INSTGS_DEVICE", "VK_INSTANCE_LAYERS"] {
+            assert_eq!(of(name), Some(None), "{name} is removed");
+        }
+        assert_eq!(of("RADV_FORCE_FAMILY"), Some(Some(OsStr::new("navi21"))));
     }
 }

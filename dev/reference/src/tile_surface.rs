@@ -16,7 +16,7 @@ const MARGIN: f64 = 1e-4;
 pub struct SurfacePoint {
     /// Index of the instance; for the background, one more than the last.
     pub instance: u32,
-    /// Index of the Gaussian in its template, or in the background.
+    /// Index of the Gaussian in its template, after all of these among the instance's own, or in the background.
     pub local: u32,
 }
 
@@ -52,13 +52,14 @@ pub fn surfaces(view: &View, splats: &[ProjectedSplat], scene: &InstancedScene) 
     (0..view.height).flat_map(row).collect()
 }
 
-/// First flat index of every instance, and of the background at the end.
+/// First flat index of every instance, and of the background at the end. The Gaussians of an instance's template come before
+/// its own.
 fn first_flat(scene: &InstancedScene) -> Vec<u32> {
     let mut first = 0;
     let mut out = Vec::new();
-    for instance in &scene.instances {
+    for (k, instance) in scene.instances.iter().enumerate() {
         out.push(first);
-        first += scene.template_ranges[instance.template as usize].count;
+        first += scene.template_ranges[instance.template as usize].count + scene.own_range(k).count;
     }
     out.push(first);
     out
@@ -72,7 +73,50 @@ mod tests {
     use crate::preprocess_instance_expand::sources;
     use crate::tile_blend::relaxed_limits;
     use crate::{RenderOptions, splats_in_depth_order};
-    use instgs_vk::scene::{Camera, Gaussians};
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::{Camera, Gaussians, Instance, SourceRange};
+
+    /// An opaque Gaussian at each of some depths, on the view axis.
+    fn opaque(depths: &[f32]) -> Gaussians {
+        let mut cloud = Gaussians::with_capacity(0, depths.len());
+        for &z in depths {
+            cloud.means.push([0.0, 0.0, z]);
+            cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+            cloud.log_scales.push([0.3f32.ln(); 3]);
+            cloud.opacity_logits.push(4.0);
+            cloud.sh.push([0.0; 3]);
+        }
+        cloud
+    }
+
+    /// Every Gaussian of a scene whose instances have own ones, brought to the front in turn, is the surface at the centre.
+    #[test]
+    fn own_gaussians_count_after_those_of_the_template() {
+        let instance = |template| Instance { template, world_from_template: Similarity::IDENTITY, first_offset: None };
+        let range = |first, count| SourceRange { first, count };
+        let scene = InstancedScene {
+            templates: opaque(&[5.0, 6.0, 7.0]),
+            template_ranges: vec![range(0, 2), range(2, 1)],
+            instances: vec![instance(0), instance(1), instance(0)],
+            own: opaque(&[8.0, 9.0, 10.0]),
+            own_ranges: vec![range(0, 2), range(0, 0), range(2, 1)],
+            background: opaque(&[11.0, 12.0]),
+            ..InstancedScene::default()
+        };
+        scene.validate().unwrap();
+        let camera = Camera::look_at("view", DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, (9, 9));
+        let view = View::device(&camera, &RenderOptions::default());
+        let with_in_front = |cloud_of: fn(&mut InstancedScene) -> &mut Gaussians, i: usize| {
+            let mut scene = scene.clone();
+            cloud_of(&mut scene).means[i][2] = 2.0;
+            let splats = splats_in_depth_order(&sources(&scene), &view, &relaxed_limits(&view));
+            surfaces(&view, &splats, &scene)[40].point.map(|point| [point.instance, point.local])
+        };
+        // Of two instances that show the same Gaussian at the same depth, the first is in front.
+        assert_eq!([0, 1, 2].map(|i| with_in_front(|s| &mut s.templates, i)), [[0, 0], [0, 1], [1, 0]].map(Some));
+        assert_eq!([0, 1, 2].map(|i| with_in_front(|s| &mut s.own, i)), [[0, 2], [0, 3], [2, 2]].map(Some));
+        assert_eq!([0, 1].map(|i| with_in_front(|s| &mut s.background, i)), [[3, 0], [3, 1]].map(Some));
+    }
 
     /// Two Gaussians on the view axis that pass 0.7 and 0.6 of the light at the centre: the second one is the surface
     /// there.

@@ -2,6 +2,7 @@
 //! `compare`, `tables` and `demo`.
 
 mod runs;
+mod same_bytes;
 mod seed;
 mod summary;
 mod timing;
@@ -10,10 +11,11 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 
-pub(super) use self::runs::{Runs, work_seconds};
+pub(super) use self::runs::{Runs, Seen, work_seconds};
 use self::seed::compare_seed;
-use self::summary::{markdown, print_summary, summary};
-use crate::protocol::SeedResult;
+use self::summary::{claims, markdown, print_summary, summary};
+use crate::origin::Origin;
+use crate::protocol::{DrawLimits, SeedResult};
 use instgs_cli::training::Session;
 use instgs_console::CliError;
 use instgs_console::args::create_folder;
@@ -28,7 +30,7 @@ const CONFIG: &str = "config.toml";
 /// A scene to measure in addition to the instanced scene, the cloud it starts from, and the cloud of the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Rival {
-    /// A plain cloud whose .ply is at most as large as the instanced scene packed as f16
+    /// A plain cloud that, packed as f16, takes at most as many bytes as the instanced scene packed as f16
     SameBytes,
     /// A plain cloud of as many steps as the cloud of the same time, trained in one run
     AtOnce,
@@ -67,16 +69,24 @@ pub(crate) struct Comparison {
     pub(crate) lpips: Option<Lpips>,
 }
 
+/// A finished comparison.
+pub(crate) struct Compared {
+    /// Rows of each seed.
+    pub(crate) seeds: Vec<SeedResult>,
+    /// The test views that every row was measured on.
+    pub(crate) views: Vec<View>,
+}
+
 /// Trains and measures for every seed; writes compare.json and compare.md and prints the table. `on_picture` receives
 /// the row's name and each test view of the first seed.
 pub(crate) fn compare(
     session: &Session<'_>,
     comparison: &Comparison,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
-) -> Result<Vec<SeedResult>, CliError> {
+) -> Result<Compared, CliError> {
     let views = test_views(session, comparison)?;
     create_folder(&comparison.out)?;
-    keep_config(comparison)?;
+    keep_config(comparison, &Origin::here(session.gpu.caps())?)?;
     let mut results = Vec::new();
     for (i, &seed) in comparison.seeds.iter().enumerate() {
         let mut first_only = |name: &str, view: &Evaluated<'_>| {
@@ -88,10 +98,11 @@ pub(crate) fn compare(
         session.printer.json_file(&comparison.out.join("compare.json"), &results)?;
     }
     let table = summary(&results);
-    let markdown = markdown(&table);
+    let claims = claims(&results, DrawLimits::of(&comparison.config.train));
+    let markdown = markdown(&table, &claims);
     instgs_io::atomic_write(&comparison.out.join("compare.md"), |out| out.write_all(markdown.as_bytes()))?;
-    print_summary(&table, &results, session.printer);
-    Ok(results)
+    print_summary(&table, &claims, session.printer);
+    Ok(Compared { seeds: results, views })
 }
 
 /// The test views to compare on. Called before anything is trained.
@@ -108,18 +119,24 @@ fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View
     Ok(views)
 }
 
-/// Writes the settings of the comparison; refuses a folder with runs of other settings.
-pub(crate) fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
+/// Writes the settings of the comparison and what makes it; refuses a folder with runs of other settings, or of another
+/// program or device: their times and pictures are not those of now.
+pub(crate) fn keep_config(comparison: &Comparison, origin: &Origin) -> Result<(), CliError> {
     let path = comparison.out.join(CONFIG);
     let data = std::fs::canonicalize(&comparison.data).unwrap_or_else(|_| comparison.data.clone());
     let more = comparison.more_steps.map_or("by the clock".into(), |steps| steps.to_string());
-    let text = format!("# data: {}\n# more steps: {more}\n{}", data.display(), comparison.config.to_toml()?);
+    let settings = format!("# data: {}\n# more steps: {more}\n{}", data.display(), comparison.config.to_toml()?);
+    let text = format!("# program: {}\n# device: {}\n{settings}", origin.program, origin.device);
     match std::fs::read(&path) {
-        Ok(there) if there != text.as_bytes() => {
+        Ok(there) if there == text.as_bytes() => Ok(()),
+        Ok(there) if there.ends_with(settings.as_bytes()) => {
+            let error = IoError::new(&path, "is of another build of the program, or of another device");
+            Err(error.advise("choose another --out, so that no table mixes two").into())
+        }
+        Ok(_) => {
             let error = IoError::new(&path, "is of another comparison");
             Err(error.advise("repeat it with the same configuration, or choose another --out").into())
         }
-        Ok(_) => Ok(()),
         Err(_) => Ok(instgs_io::atomic_write(&path, |out| out.write_all(text.as_bytes()))?),
     }
 }

@@ -2,15 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::protocol::Measure;
 use instgs_cli::training::{Session, train_job};
 use instgs_console::CliError;
 use instgs_console::args::create_folder;
+use instgs_eval::Lpips;
 use instgs_io::json::read_json;
-use instgs_io::{IoError, RunFolder, copy_file};
+use instgs_io::{IoError, MaskFolder, RunFolder, View, copy_file};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::pipeline::{PipelineJob, makes_scene};
 use instgs_report::RunReport;
-use instgs_train::{USUAL_PICTURE_PSNR_DB, check_finished, sensitivity_cameras, write_small};
+use instgs_train::{USUAL_PICTURE_PSNR_DB, check_finished, eval_options, sensitivity_cameras, write_small};
 use instgs_vk::scene::InstancedScene;
 
 /// The inputs that one seed's runs share.
@@ -22,6 +24,16 @@ pub(crate) struct Runs<'a> {
     pub(crate) out: PathBuf,
     /// Configuration of the instanced run.
     pub(crate) config: RunConfig,
+}
+
+/// What scenes are measured on.
+pub(crate) struct Seen<'a> {
+    /// The test views.
+    pub(crate) views: &'a [View],
+    /// Their masks, of [`Runs::masks`].
+    pub(crate) masks: Option<&'a MaskFolder>,
+    /// Network of LPIPS, if its weights are there.
+    pub(crate) lpips: Option<&'a Lpips>,
 }
 
 impl Runs<'_> {
@@ -41,6 +53,19 @@ impl Runs<'_> {
         }
         write_small(self.session.gpu, &file, scene, &cameras, USUAL_PICTURE_PSNR_DB, || ())?;
         Ok(file)
+    }
+
+    /// The masks of the views' objects, if there are any.
+    pub(crate) fn masks(&self, views: &[View]) -> Result<Option<MaskFolder>, IoError> {
+        let folder = self.config.pipeline.masks.clone().or_else(|| MaskFolder::default_for(self.data));
+        folder.map(|folder| MaskFolder::open(&folder, views)).transpose()
+    }
+
+    /// How every scene of the comparison is measured, ablations included.
+    pub(crate) fn measure<'a>(&'a self, seen: Seen<'a>) -> Measure<'a> {
+        let Seen { views, masks, lpips } = seen;
+        let width = (self.config.train.width > 0).then_some(self.config.train.width);
+        Measure { gpu: self.session.gpu, views, width, options: eval_options(&self.config.train), masks, lpips }
     }
 
     /// Trains in a folder of its own, or resumes the run there.

@@ -2,20 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
-use super::runs::{Runs, work_seconds};
+use super::runs::{Runs, Seen, work_seconds};
+use super::same_bytes::most_gaussians;
 use super::timing::time;
 use super::{Comparison, Rival};
-use crate::protocol::{Measure, Row, SeedResult, names};
+use crate::protocol::{Row, SeedResult, names};
 use instgs_cli::training::Session;
 use instgs_console::CliError;
 use instgs_eval::Evaluated;
 use instgs_io::view_image::camera_at_width;
-use instgs_io::{IoError, MaskFolder, Pack, View, load_scene, ply, write_scene_file_packed, write_spz};
+use instgs_io::{IoError, Pack, View, load_scene, ply, write_scene_file_packed, write_spz};
 use instgs_objects::pipeline::config::ConfigBuilder;
 use instgs_report::{RunReport, final_steps_per_second};
-use instgs_train::eval_options;
 use instgs_train::event_log::read_events;
-use instgs_vk::scene::{Camera, InstancedScene, RepeatedBytes};
+use instgs_vk::scene::{Camera, RepeatedBytes};
 
 /// A scene that becomes a row of the table.
 struct Subject {
@@ -66,7 +66,7 @@ pub(super) fn compare_seed(
         of_cloud(names::SAME_TIME, runs.folder("same_time").point_cloud(), &same_time),
     ];
     for &rival in &comparison.rivals {
-        subjects.push(runs.rival(rival, &same_time, &instanced)?);
+        subjects.push(runs.rival(rival, &same_time)?);
     }
     let (seconds, steps) = (work_seconds(&ours), vanilla.steps + ours.steps);
     for (name, file) in [
@@ -102,20 +102,29 @@ fn of_cloud(name: &'static str, file: PathBuf, report: &RunReport) -> Subject {
 
 impl Runs<'_> {
     /// Trains or writes the scene of a rival.
-    fn rival(&self, rival: Rival, same_time: &RunReport, instanced: &InstancedScene) -> Result<Subject, CliError> {
+    fn rival(&self, rival: Rival, same_time: &RunReport) -> Result<Subject, CliError> {
         let (seed, printer) = (self.config.train.seed, self.session.printer);
         let mut as_long = self.config.cloud_alone();
         as_long.train.steps = same_time.steps;
         match rival {
             Rival::SameBytes => {
-                let bytes_each = ply::row_bytes(instanced.templates.sh_degree);
-                let most = u32::try_from(file_bytes(&self.out.join("f16.instgs"))? / bytes_each).unwrap_or(u32::MAX);
+                let bytes = file_bytes(&self.out.join("f16.instgs"))?;
+                let start = load_scene(&self.folder("instgs").plain_cloud_run().point_cloud())?.scene;
+                let most = most_gaussians(bytes, &start)?;
                 printer.line(format_args!("seed {seed}: 3DGS of the same bytes, at most {most} Gaussians"));
                 // With another limit it is another run.
                 let folder = format!("same_bytes_{most}");
                 as_long.train.max_gaussians = most;
                 let report = self.train(&folder, as_long)?;
-                Ok(of_cloud(names::SAME_BYTES, self.folder(&folder).point_cloud(), &report))
+                let cloud = load_scene(&self.folder(&folder).point_cloud())?.scene;
+                let file = self.out.join("same_bytes.instgs");
+                write_scene_file_packed(&file, &cloud, Pack::F16)?;
+                // Values that f16 cannot hold are written as f32.
+                if file_bytes(&file)? > bytes {
+                    printer
+                        .warning(format_args!("{}: has more than the {bytes} bytes of InstGS as f16", file.display()));
+                }
+                Ok(of_cloud(names::SAME_BYTES, file, &report))
             }
             Rival::AtOnce => {
                 printer.line(format_args!("seed {seed}: 3DGS for the same time, in one piece"));
@@ -172,18 +181,14 @@ fn measure(
     result: &mut SeedResult,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
 ) -> Result<(), CliError> {
-    let masks = runs.config.pipeline.masks.clone().or_else(|| MaskFolder::default_for(&comparison.data));
-    let masks = masks.map(|folder| MaskFolder::open(&folder, views)).transpose()?;
-    let width = (runs.config.train.width > 0).then_some(runs.config.train.width);
-    let options = eval_options(&runs.config.train);
-    let (masks, lpips) = (masks.as_ref(), comparison.lpips.as_ref());
-    let measure = Measure { gpu: runs.session.gpu, views, width, options, masks, lpips };
+    let masks = runs.masks(views)?;
+    let measure = runs.measure(Seen { views, masks: masks.as_ref(), lpips: comparison.lpips.as_ref() });
     for Subject { name, file, seconds, steps } in subjects {
         let row = measure.row(name, file, &mut |view| on_picture(name, view))?;
         result.rows.push(Row { seconds: *seconds, steps: *steps, ..row });
     }
     if comparison.frames > 0 {
-        let cameras: Vec<Camera> = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();
+        let cameras: Vec<Camera> = views.iter().map(|v| camera_at_width(&v.camera, measure.width)).collect();
         time(runs, comparison.frames, &cameras, result)?;
     }
     Ok(())

@@ -9,7 +9,8 @@ pub mod tables;
 
 use serde::{Deserialize, Serialize};
 
-use crate::protocol::{Row, SeedResult};
+use crate::origin::Origin;
+use crate::protocol::{DrawLimits, Row, SeedResult};
 
 pub use scene_list::{ListError, Part, SceneJob, SceneList};
 pub use sheet::{Cell, Sheet};
@@ -33,8 +34,12 @@ pub struct SceneResult {
     pub differences: f64,
     /// Runs from the same plain cloud with other settings, for the first seed.
     pub ablations: Vec<Ablation>,
-    /// Name of the Vulkan device.
-    pub device: String,
+    /// The most Gaussians that its scenes may draw.
+    #[serde(default)]
+    pub limits: DrawLimits,
+    /// The program and the device that all of it comes from.
+    #[serde(flatten)]
+    pub origin: Origin,
 }
 
 /// Statistics of finding objects in a plain cloud.

@@ -1,8 +1,9 @@
 //! Plots of the evidence: line charts as SVG, bars for a terminal.
 
-use super::tables::{frame_ratio, gain, psnr};
+use super::tables::frame_ratio;
 use super::{Part, SceneResult};
-use crate::protocol::{SeedResult, names};
+use crate::gains::{BestOf, gain, gain_over_best, over_seeds, psnr};
+use crate::protocol::names;
 use instgs_report::chart::{Chart, Look, Series};
 use instgs_vk::scene::RepeatedBytes;
 
@@ -16,14 +17,15 @@ pub type Plot = (&'static str, String);
 pub fn all(scenes: &[SceneResult]) -> Vec<Plot> {
     let scaling = Axis::of(scenes, Part::Scaling, "instances", |scene| scene.instances as f64);
     let differences = Axis::of(scenes, Part::Differences, "share of the differences", |scene| scene.differences);
-    let time = |scene: &SceneResult| gain(scene, names::SAME_TIME, psnr);
-    let bytes = |scene: &SceneResult| gain(scene, names::SAME_BYTES, psnr);
+    let best = |scene: &SceneResult| gain_over_best(&scene.seeds, psnr);
+    let bytes = |scene: &SceneResult| gain(&scene.seeds, names::OURS_F16, names::SAME_BYTES, psnr);
     let (f16, q8) = (|s: &SceneResult| times_smaller(s, |r| r.f16), |s: &SceneResult| times_smaller(s, |r| r.q8));
-    let above: [Line<'_>; 2] = [("of the same time", &time), ("of the same bytes", &bytes)];
+    let above =
+        |axis: &Axis<'_>| -> [Line<'_>; 2] { [(axis.best_name(), &best), ("of the same bytes, both f16", &bytes)] };
     let as_good = Some((0.0, "as good"));
     [
         ("scaling_bytes", scaling.drawn("Repeated part: times smaller than .ply", &[("f16", &f16), ("q8", &q8)], None)),
-        ("scaling_psnr", scaling.drawn("dB above 3DGS", &above, as_good)),
+        ("scaling_psnr", scaling.drawn("dB above 3DGS", &above(&scaling), as_good)),
         (
             "scaling_fps",
             scaling.drawn(
@@ -32,7 +34,7 @@ pub fn all(scenes: &[SceneResult]) -> Vec<Plot> {
                 Some((1.0, "as fast")),
             ),
         ),
-        ("differences_psnr", differences.drawn("dB above 3DGS", &above, as_good)),
+        ("differences_psnr", differences.drawn("dB above 3DGS", &above(&differences), as_good)),
     ]
     .into_iter()
     .filter_map(|(name, svg)| Some((name, svg?)))
@@ -57,6 +59,16 @@ impl<'a> Axis<'a> {
         Self { name, points }
     }
 
+    /// Legend of the plain cloud that the instanced scene has to beat.
+    fn best_name(&self) -> &'static str {
+        match BestOf::of(self.points.iter().flat_map(|(scene, _)| &scene.seeds)) {
+            Some(BestOf::Both) => "the better of the same time and at once",
+            Some(BestOf::AtOnce) => "of the same time at once",
+            Some(BestOf::Mixed) => "the better of those measured",
+            Some(BestOf::SameTime) | None => "of the same time",
+        }
+    }
+
     /// Draws a chart as SVG; `None` without points.
     fn drawn(&self, title: &str, lines: &[Line<'_>], level: Option<(f64, &str)>) -> Option<String> {
         let curve = |figure: &dyn Fn(&SceneResult) -> Option<f64>| -> Vec<(f64, f64)> {
@@ -68,33 +80,38 @@ impl<'a> Axis<'a> {
     }
 }
 
-/// Size of the repeated part as .ply over its packed size, mean over the seeds.
+/// Size of the repeated part as .ply over its packed size, median over the seeds.
 fn times_smaller(scene: &SceneResult, bytes: fn(&RepeatedBytes) -> u64) -> Option<f64> {
-    let ratio = |seed: &SeedResult| seed.repeated.ply as f64 / bytes(&seed.repeated).max(1) as f64;
-    let seeds = &scene.seeds;
-    (!seeds.is_empty()).then(|| seeds.iter().map(ratio).sum::<f64>() / seeds.len() as f64)
+    over_seeds(&scene.seeds, |seed| Some(seed.repeated.ply as f64 / bytes(&seed.repeated).max(1) as f64))
 }
 
-/// One line per scene with a bar from zero: PSNR of InstGS above 3DGS with the same time, dB.
+/// A heading that names the rival, and one line per scene with a bar from zero: PSNR of InstGS above that of the better plain
+/// cloud, dB. Where scenes have rivals that differ, each line names its own.
 pub fn bars(scenes: &[SceneResult]) -> Vec<String> {
-    let values: Vec<(&str, f64)> =
-        scenes.iter().filter_map(|s| Some((s.name.as_str(), gain(s, names::SAME_TIME, psnr)?))).collect();
+    let of_all = BestOf::of(scenes.iter().flat_map(|scene| &scene.seeds));
+    let name_of = |scene: &SceneResult| match BestOf::of(&scene.seeds) {
+        Some(best) if of_all == Some(BestOf::Mixed) => format!("{} ({})", scene.name, best.short()),
+        _ => scene.name.clone(),
+    };
+    let values: Vec<(String, f64)> =
+        scenes.iter().filter_map(|scene| Some((name_of(scene), gain_over_best(&scene.seeds, psnr)?))).collect();
     let longest = values.iter().map(|(_, v)| v.abs()).fold(f64::MIN_POSITIVE, f64::max);
     let name_width = values.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    let line = |&(name, value): &(&str, f64)| {
+    let line = |(name, value): &(String, f64)| {
         let length = (BAR * value.abs() / longest).round() as usize;
         let (left, right) =
-            if value < 0.0 { ("#".repeat(length), String::new()) } else { (String::new(), "#".repeat(length)) };
+            if *value < 0.0 { ("#".repeat(length), String::new()) } else { (String::new(), "#".repeat(length)) };
         let width = BAR as usize;
         format!("{name:name_width$} {value:+6.2} {left:>width$}|{right}").trim_end().to_owned()
     };
-    values.iter().map(line).collect()
+    let heading = of_all.map(|best| format!("InstGS above (+) or below (-) {}, dB:", best.name()));
+    heading.into_iter().chain(values.iter().map(line)).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::protocol::Row;
+    use crate::protocol::{Row, SeedResult};
 
     fn scene(name: &str, instances: u64, above: f64) -> SceneResult {
         let row = |name: &str, psnr| Row { name: name.into(), psnr, ..Row::default() };
@@ -107,9 +124,36 @@ mod tests {
     #[test]
     fn bars_grow_to_both_sides_of_zero() {
         let lines = bars(&[scene("a", 2, 0.5), scene("long", 4, -1.0), SceneResult::default()]);
-        assert_eq!(lines.len(), 2);
-        assert_eq!(lines[0], format!("a     +0.50 {}|{}", " ".repeat(24), "#".repeat(12)));
-        assert_eq!(lines[1], format!("long  -1.00 {}|", "#".repeat(24)));
+        assert_eq!(lines.len(), 3);
+        assert_eq!(lines[0], "InstGS above (+) or below (-) 3DGS, same time, dB:");
+        assert_eq!(lines[1], format!("a     +0.50 {}|{}", " ".repeat(24), "#".repeat(12)));
+        assert_eq!(lines[2], format!("long  -1.00 {}|", "#".repeat(24)));
+        assert!(bars(&[]).is_empty());
+    }
+
+    #[test]
+    fn bars_are_above_the_better_rival_and_say_which_it_is() {
+        let mut other = scene("b", 4, 0.5);
+        other.seeds[0].rows.push(Row { name: names::AT_ONCE.into(), psnr: 20.25, ..Row::default() });
+        let lines = bars(std::slice::from_ref(&other));
+        assert!(lines[0].contains("the better 3DGS, of the same time or at once"), "{lines:?}");
+        assert!(lines[1].starts_with("b  +0.25"), "{lines:?}");
+        let lines = bars(&[scene("a", 2, 0.5), other]);
+        assert!(lines[0].contains("that was measured"), "{lines:?}");
+        assert!(
+            lines[1].starts_with("a (same time)  +0.50") && lines[2].starts_with("b (both)       +0.25"),
+            "{lines:?}"
+        );
+    }
+
+    /// A seed in which nothing was saved does not move the curve.
+    #[test]
+    fn points_are_medians_over_the_seeds() {
+        let mut one = scene("a", 2, 0.5);
+        let repeated = |ply| RepeatedBytes { ply, f16: 10, ..RepeatedBytes::default() };
+        one.seeds = [10, 20, 900].map(|ply| SeedResult { repeated: repeated(ply), ..SeedResult::default() }).into();
+        assert_eq!(times_smaller(&one, |r| r.f16), Some(2.0));
+        assert_eq!(times_smaller(&SceneResult::default(), |r| r.f16), None);
     }
 
     #[test]
@@ -122,5 +166,6 @@ mod tests {
         let svg = &plots[0].1;
         assert!(svg.starts_with("<svg xmlns=") && svg.contains("<style>") && svg.contains("f16"), "{svg}");
         assert_eq!(svg.matches("<circle").count(), 4);
+        assert!(plots[1].1.contains("of the same time<"), "{}", plots[1].1);
     }
 }

@@ -85,14 +85,28 @@ pub struct Scene {
     /// Purpose of the measurement.
     #[serde(default)]
     pub part: Part,
-    /// Settings of this scene, `KEY=VALUE`.
+    /// Settings of this scene at every size, `KEY=VALUE`: none that goes with the length of runs or the size of pictures.
     #[serde(default)]
     pub set: Vec<String>,
-    /// Replaces the size's `more_steps`.
+    /// Replaces `more_steps` of every size.
     pub more_steps: Option<u64>,
+    /// What holds at one size alone, by its name.
+    #[serde(default)]
+    pub sizes: BTreeMap<String, SceneAtSize>,
     /// Whether the ablations are run on it, for the first seed.
     #[serde(default)]
     pub ablations: bool,
+}
+
+/// What a scene replaces at one size.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneAtSize {
+    /// Settings, `KEY=VALUE`; they win over those of the scene and of the size.
+    #[serde(default)]
+    pub set: Vec<String>,
+    /// Replaces `more_steps` of the scene and of the size.
+    pub more_steps: Option<u64>,
 }
 
 /// Purpose of a measurement.
@@ -204,8 +218,13 @@ impl SceneList {
                 (None, Some(_)) => {}
                 _ => return at("needs either synth or data".into()),
             }
+            if let Some(name) = scene.sizes.keys().find(|name| !self.sizes.contains_key(*name)) {
+                let names: Vec<&str> = self.sizes.keys().map(String::as_str).collect();
+                return at(format!("sizes: the list has no size {name}; it has {}", names.join(", ")));
+            }
         }
-        let jobs = self.jobs(Path::new(""), &Size::nothing());
+        // Names are the same at every size.
+        let jobs: Vec<SceneJob> = self.scenes.iter().flat_map(|s| s.jobs(Path::new(""), &AtSize::nothing())).collect();
         let twice = jobs.iter().enumerate().find(|(i, job)| jobs[..*i].iter().any(|other| other.name == job.name));
         twice.map_or(Ok(()), |(_, job)| Err(format!("{} is listed twice", job.name)))
     }
@@ -219,15 +238,26 @@ impl SceneList {
         self.sizes.get(name).ok_or_else(missing)
     }
 
-    /// All scenes as single jobs; `folder` is that of the list.
-    pub fn jobs(&self, folder: &Path, size: &Size) -> Vec<SceneJob> {
-        self.scenes.iter().flat_map(|scene| scene.jobs(folder, size)).collect()
+    /// All scenes as single jobs at the size with the given name; `folder` is that of the list.
+    ///
+    /// # Errors
+    /// The list has no size of this name.
+    pub fn jobs(&self, folder: &Path, size: &str) -> Result<Vec<SceneJob>, ListError> {
+        let at = AtSize { name: size, size: Some(self.size(size)?) };
+        Ok(self.scenes.iter().flat_map(|scene| scene.jobs(folder, &at)).collect())
     }
 }
 
-impl Size {
+/// A size with its name.
+struct AtSize<'a> {
+    name: &'a str,
+    /// `None` = nothing but the scene's own settings.
+    size: Option<&'a Size>,
+}
+
+impl AtSize<'_> {
     fn nothing() -> Self {
-        Self { views: 2, pixels: [1, 1], set: Vec::new(), set_real: Vec::new(), more_steps: None, frames: 0 }
+        Self { name: "", size: None }
     }
 }
 
@@ -237,19 +267,22 @@ impl Scene {
         self.instances.is_some() || self.differences.is_some() || !self.seeds.is_empty()
     }
 
-    fn jobs(&self, folder: &Path, size: &Size) -> Vec<SceneJob> {
-        let job = |name: String, source: Source, ablations: bool, of_size: &[String]| SceneJob {
+    fn jobs(&self, folder: &Path, at: &AtSize<'_>) -> Vec<SceneJob> {
+        let own = self.sizes.get(at.name).cloned().unwrap_or_default();
+        let of_size = |of: fn(&Size) -> &Vec<String>| at.size.map_or(&[][..], |size| of(size));
+        let of_real = if self.data.is_some() { of_size(|size| &size.set_real) } else { &[] };
+        let job = |name: String, source: Source, ablations: bool| SceneJob {
             name,
             source,
             true_groups: self.true_groups,
             part: self.part,
-            set: [&size.set, of_size, &self.set].concat(),
-            more_steps: self.more_steps.or(size.more_steps),
+            set: [of_size(|size| &size.set), of_real, &self.set, &own.set].concat(),
+            more_steps: own.more_steps.or(self.more_steps).or(at.size.and_then(|size| size.more_steps)),
             ablations,
         };
         if let Some(data) = &self.data {
             let name = data.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            return vec![job(name, Source::Folder(folder.join(data)), self.ablations, &size.set_real)];
+            return vec![job(name, Source::Folder(folder.join(data)), self.ablations)];
         }
         let recipe = self.synth.clone().unwrap_or_default();
         let of_seed = |(i, &seed): (usize, &u64)| {
@@ -257,7 +290,7 @@ impl Scene {
             let alike = self.differences.map_or(String::new(), |d| format!("_differing_{d}"));
             let differences = self.differences.unwrap_or(1.0);
             let source = Source::Synth { recipe: recipe.clone(), seed, instances: self.instances, differences };
-            job(format!("{recipe}{count}{alike}_{seed}"), source, self.ablations && i == 0, &[])
+            job(format!("{recipe}{count}{alike}_{seed}"), source, self.ablations && i == 0)
         };
         self.seeds.iter().enumerate().map(of_seed).collect()
     }
@@ -278,6 +311,11 @@ set = ["steps=10"]
 set_real = ["width=64"]
 more_steps = 5
 frames = 3
+[sizes.long]
+views = 9
+pixels = [64, 36]
+set = ["steps=900"]
+frames = 3
 [[scenes]]
 synth = "cars"
 seeds = [1, 2]
@@ -290,7 +328,10 @@ part = "scaling"
 more_steps = 7
 [[scenes]]
 data = "../room"
+set = ["template.count_factor=2"]
+[scenes.sizes.small]
 set = ["steps=20"]
+more_steps = 6
 [[ablations]]
 table = "offsets"
 name = "none"
@@ -306,14 +347,19 @@ name = "none"
     #[test]
     fn a_list_becomes_jobs() -> Test {
         let list = read(LIST)?;
-        let jobs = list.jobs(Path::new("at"), list.size("small")?);
+        let jobs = list.jobs(Path::new("at"), "small")?;
         let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
         assert_eq!(names, ["cars_1", "cars_2", "cars_of_4_1", "room"]);
         assert_eq!(jobs.iter().map(|j| j.ablations).collect::<Vec<_>>(), [true, false, false, false]);
-        assert_eq!(jobs.iter().map(|j| j.more_steps).collect::<Vec<_>>(), [Some(5), Some(5), Some(7), Some(5)]);
+        assert_eq!(jobs.iter().map(|j| j.more_steps).collect::<Vec<_>>(), [Some(5), Some(5), Some(7), Some(6)]);
         assert_eq!((&jobs[3].source, jobs[2].part), (&Source::Folder("at/../room".into()), Part::Scaling));
-        assert_eq!(jobs[3].set, ["steps=10", "width=64", "steps=20"]);
-        assert!(list.size("large").is_err_and(|e| e.to_string() == "the list has no size large; it has small"));
+        assert_eq!(jobs[3].set, ["steps=10", "width=64", "template.count_factor=2", "steps=20"]);
+        let missing = "the list has no size large; it has long, small";
+        assert!(list.jobs(Path::new("at"), "large").is_err_and(|e| e.to_string() == missing));
+        // What a scene says of one size does not hold at another.
+        let long = list.jobs(Path::new("at"), "long")?;
+        assert_eq!(long[3].set, ["steps=900", "template.count_factor=2"]);
+        assert_eq!(long.iter().map(|j| j.more_steps).collect::<Vec<_>>(), [None, None, Some(7), None]);
         Ok(())
     }
 
@@ -329,6 +375,8 @@ name = "none"
             ("data = \"../room\"", "data = \"../room\"\nseeds = [1]", "for synth"),
             ("data = \"../room\"", "data = \"..\"", "no folder"),
             ("frames = 3", "frame = 3", "line 9"),
+            ("[scenes.sizes.small]", "[scenes.sizes.large]", "no size large; it has long, small"),
+            ("more_steps = 6", "views = 6", "line 30"),
         ] {
             let error = read(&LIST.replacen(from, to, 1)).expect_err(from);
             assert!(error.contains(words) && error.lines().count() == 1, "{from}: {error}");
@@ -339,12 +387,25 @@ name = "none"
     fn the_repository_s_own_lists_are_whole() -> Test {
         let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
         let list = SceneList::read(&configs.join("rescene.toml"))?;
-        let jobs = list.jobs(&configs, list.size("ci")?);
+        let jobs = list.jobs(&configs, "ci")?;
         let counts = |job: &&SceneJob| matches!(job.part, Part::Scene | Part::Failure);
         let counted = jobs.iter().filter(counts).filter(|j| matches!(j.source, Source::Synth { .. }));
         assert_eq!(counted.count(), 20, "the five generators with four seeds");
+        // No scene is shorter or smaller at the lengths of the papers than the size says.
+        let size = list.size("paper")?;
+        let of_size = |key: &str| {
+            let mut all = size.set.iter().chain(&size.set_real);
+            all.rfind(|set| set.starts_with(key)).cloned()
+        };
+        for job in list.jobs(&configs, "paper")? {
+            assert_eq!(job.more_steps, None, "{}", job.name);
+            for key in ["steps=", "joint.steps=", "max_gaussians=", "width="] {
+                let last = job.set.iter().rfind(|set| set.starts_with(key));
+                assert!(last.is_none() || last == of_size(key).as_ref(), "{}: {last:?}", job.name);
+            }
+        }
         let small = SceneList::read(&configs.join("bench/ci.toml"))?;
-        assert!(!small.jobs(&configs, small.size("ci")?).is_empty());
+        assert!(!small.jobs(&configs, "ci")?.is_empty());
         Ok(())
     }
 }

@@ -2,6 +2,7 @@
 
 use super::sheet::{Cell, Sheet};
 use super::{Part, SceneResult};
+use crate::gains::{BestOf, gain, gain_over_best, over_seeds, psnr, psnr_in_masks};
 use crate::protocol::{Row, SeedResult, names};
 use instgs_vk::math::statistics::median;
 
@@ -65,18 +66,22 @@ fn of_row(scene: &SceneResult, name: &str, figure: impl Fn(&Row) -> Option<f64>)
 
 /// Median over the seeds of a figure; `None` if a seed lacks it, or without seeds.
 fn of_seed(scene: &SceneResult, figure: impl Fn(&SeedResult) -> Option<f64>) -> Option<f64> {
-    let values: Option<Vec<f64>> = scene.seeds.iter().map(figure).collect();
-    values.filter(|v| !v.is_empty()).map(|v| median(&v))
+    over_seeds(&scene.seeds, figure)
 }
 
-/// Median over the seeds of the instanced scene's figure minus that of another row.
-pub(super) fn gain(scene: &SceneResult, other: &str, figure: fn(&Row) -> Option<f64>) -> Option<f64> {
-    of_seed(scene, |seed| Some(figure(seed.row(names::OURS)?)? - figure(seed.row(other)?)?))
+/// How far the instanced scene is above the better plain cloud, dB; the same in the masks; and which clouds were there.
+fn against_best(scene: &SceneResult) -> [Cell; 3] {
+    let of = |figure| Cell::maybe(gain_over_best(&scene.seeds, figure), 2);
+    [of(psnr), of(psnr_in_masks), BestOf::of(&scene.seeds).map_or(Cell::Empty, |best| best.short().into())]
 }
 
-/// PSNR of a row in dB, for [`gain`].
-pub(super) fn psnr(row: &Row) -> Option<f64> {
-    Some(row.psnr)
+/// Explains the columns of [`against_best`].
+const BEST_NOTE: &str = "Best 3DGS is, for each seed and figure, the better of the cloud of the same time and that of as many \
+                         steps at once; where only one was measured, as \"best of\" says, it is that one.";
+
+/// dB of the instanced scene as f16 above 3DGS of the same bytes, f16 as well.
+fn over_same_bytes(scene: &SceneResult) -> Cell {
+    Cell::maybe(gain(&scene.seeds, names::OURS_F16, names::SAME_BYTES, psnr), 2)
 }
 
 /// Frames per second of the instanced scene over those of the cloud with the same training time.
@@ -126,20 +131,25 @@ fn methods(key: &'static str, title: &str, scenes: &[&SceneResult]) -> Sheet {
 /// Table 2 of the paper: every scene.
 fn differences(scenes: &[&SceneResult]) -> Option<Sheet> {
     let row = |scene: &&SceneResult| {
-        let against = |name: &str| Cell::maybe(gain(scene, name, psnr), 2);
+        let over = |name: &str, figure| gain(&scene.seeds, names::OURS, name, figure);
+        let against = |name: &str| Cell::maybe(over(name, psnr), 2);
+        let [best, best_in_masks, best_of] = against_best(scene);
         vec![
             scene.name.clone().into(),
             Cell::maybe(of_row(scene, names::OURS, psnr), 2),
+            best,
+            best_in_masks,
+            best_of,
             against(names::SAME_TIME),
-            Cell::maybe(gain(scene, names::SAME_TIME, |row| row.psnr_in_masks), 2),
+            Cell::maybe(over(names::SAME_TIME, psnr_in_masks), 2),
             against(names::AT_ONCE),
             against(names::MCMC),
-            against(names::SAME_BYTES),
+            over_same_bytes(scene),
             against(names::SPZ),
             against(names::RIGID),
-            Cell::maybe(gain(scene, names::OURS_F16, psnr), 3),
-            Cell::maybe(gain(scene, names::OURS_Q8, psnr), 3),
-            Cell::maybe(gain(scene, names::OURS_SMALL, psnr), 3),
+            Cell::maybe(over(names::OURS_F16, psnr), 3),
+            Cell::maybe(over(names::OURS_Q8, psnr), 3),
+            Cell::maybe(over(names::OURS_SMALL, psnr), 3),
             Cell::maybe(frame_ratio(scene), 2),
         ]
     };
@@ -150,17 +160,22 @@ fn differences(scenes: &[&SceneResult]) -> Option<Sheet> {
     (!scenes.is_empty()).then(|| Sheet {
         key: "scenes",
         title: "Scene by scene: how far InstGS is above the others".into(),
-        note: "Test PSNR of InstGS, then by how many dB it is above each of the others (below where negative; medians over \
-               the seeds of training), then frames per second over those of 3DGS of the same time."
-            .into(),
+        note: format!(
+            "Test PSNR of InstGS, then by how many dB it is above each of the others (below where negative; medians over the \
+             seeds of training), then frames per second over those of 3DGS of the same time. {BEST_NOTE} 3DGS of the same bytes \
+             is as f16, and so is InstGS beside it."
+        ),
         head: vec![
             "scene",
             "InstGS",
+            "best 3DGS",
+            "best, in masks",
+            "best of",
             "same time",
             "same, in masks",
             "at once",
             "MCMC",
-            "same bytes",
+            "same bytes (f16)",
             ".spz",
             "rigid",
             "f16",
@@ -211,6 +226,7 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
             Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_Q8)), 2),
             Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_SMALL)), 2),
             Cell::maybe(ratio(file(names::SPZ), file(names::OURS_SMALL)), 2),
+            Cell::maybe(ratio(file(names::SAME_TIME_SMALL), file(names::OURS_SMALL)), 2),
         ]
     };
     (!scenes.is_empty()).then(|| Sheet {
@@ -219,7 +235,7 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
         note: "The repeated part beside the same objects as .ply (the analytic bound is 248K/(124+14K) for K instances \
                with f16, 248K/(124+7K) with q8); beside the plain cloud's own Gaussians of the objects (templates may \
                have more than an object had); then the whole scene beside 3DGS of the same time: as the device gets it, \
-               and as files; and small beside that cloud's .spz."
+               and as files (.ply beside ours); and small beside that cloud's .spz, and beside that cloud as small, too."
             .into(),
         head: vec![
             "scene",
@@ -235,6 +251,7 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
             "scene x q8",
             "scene x small",
             ".spz x small",
+            "small x small",
         ],
         rows: scenes.iter().map(row).collect(),
     })
@@ -335,20 +352,24 @@ fn ablations(scenes: &[SceneResult]) -> Vec<Sheet> {
 fn failure(scenes: &[&SceneResult]) -> Option<Sheet> {
     let row = |scene: &&SceneResult| {
         let warning = scene.seeds.first().and_then(|seed| seed.warnings.first()).cloned().unwrap_or_default();
+        let [best, best_in_masks, best_of] = against_best(scene);
         vec![
             scene.name.clone().into(),
             Cell::maybe(of_row(scene, names::OURS, psnr), 2),
-            Cell::maybe(gain(scene, names::SAME_TIME, psnr), 2),
-            Cell::maybe(gain(scene, names::SAME_TIME, |row| row.psnr_in_masks), 2),
+            best,
+            best_in_masks,
+            best_of,
             warning.into(),
         ]
     };
     (!scenes.is_empty()).then(|| Sheet {
         key: "failure",
         title: "Figure 10: objects that are not alike".into(),
-        note: "Groups are given, so that unlike objects have to share a template; the last column is what the user is told."
-            .into(),
-        head: vec!["scene", "PSNR", "against same time", "in masks", "warning"],
+        note: format!(
+            "Groups are given, so that unlike objects have to share a template; the last column is what the user is told. \
+             {BEST_NOTE}"
+        ),
+        head: vec!["scene", "PSNR", "against best 3DGS", "in masks", "best of", "warning"],
         rows: scenes.iter().map(row).collect(),
     })
 }
@@ -357,11 +378,13 @@ fn failure(scenes: &[&SceneResult]) -> Option<Sheet> {
 fn scaling(scenes: &[&SceneResult]) -> Option<Sheet> {
     let row = |scene: &&SceneResult| {
         let megabytes = |name: &str| Cell::maybe(of_row(scene, name, |row| Some(row.file_bytes as f64 / MEGABYTE)), 2);
+        let [best, _, best_of] = against_best(scene);
         vec![
             scene.name.clone().into(),
             Cell::Count(scene.instances),
             Cell::maybe(of_row(scene, names::OURS, psnr), 2),
-            Cell::maybe(gain(scene, names::SAME_TIME, psnr), 2),
+            best,
+            best_of,
             megabytes(names::SAME_TIME),
             megabytes(names::OURS_F16),
             Cell::maybe(of_seed(scene, |s| Some(s.repeated.ply as f64 / s.repeated.f16.max(1) as f64)), 2),
@@ -371,12 +394,15 @@ fn scaling(scenes: &[&SceneResult]) -> Option<Sheet> {
     (!scenes.is_empty()).then(|| Sheet {
         key: "scaling",
         title: "Over the number of instances".into(),
-        note: "The views and the budget of Gaussians stay, so that each object gets fewer pixels and Gaussians.".into(),
+        note: format!(
+            "The views and the budget of Gaussians stay, so that each object gets fewer pixels and Gaussians. {BEST_NOTE}"
+        ),
         head: vec![
             "scene",
             "instances",
             "PSNR",
-            "against same time",
+            "against best 3DGS",
+            "best of",
             "3DGS file MB",
             "f16 file MB",
             "repeated x f16",
@@ -389,21 +415,35 @@ fn scaling(scenes: &[&SceneResult]) -> Option<Sheet> {
 /// Results over the differences between instances.
 fn alike(scenes: &[&SceneResult]) -> Option<Sheet> {
     let row = |scene: &&SceneResult| {
+        let [best, best_in_masks, best_of] = against_best(scene);
         vec![
             scene.name.clone().into(),
             Cell::Number(scene.differences, 2),
             Cell::maybe(of_row(scene, names::OURS, psnr), 2),
-            Cell::maybe(gain(scene, names::SAME_TIME, psnr), 2),
-            Cell::maybe(gain(scene, names::SAME_TIME, |row| row.psnr_in_masks), 2),
-            Cell::maybe(gain(scene, names::SAME_BYTES, psnr), 2),
+            best,
+            best_in_masks,
+            best_of,
+            over_same_bytes(scene),
             Cell::maybe(frame_ratio(scene), 2),
         ]
     };
     (!scenes.is_empty()).then(|| Sheet {
         key: "differences",
         title: "Over how much instances differ".into(),
-        note: "0 = all objects look as the first, 1 = paint, parts and all; dB above 3DGS.".into(),
-        head: vec!["scene", "differences", "PSNR", "same time", "same, in masks", "same bytes", "x frames/s"],
+        note: format!(
+            "0 = all objects look as the first, 1 = paint, parts and all; dB above 3DGS. {BEST_NOTE} 3DGS of the same bytes is as \
+             f16, and so is InstGS beside it."
+        ),
+        head: vec![
+            "scene",
+            "differences",
+            "PSNR",
+            "best 3DGS",
+            "best, in masks",
+            "best of",
+            "same bytes (f16)",
+            "x frames/s",
+        ],
         rows: scenes.iter().map(row).collect(),
     })
 }
@@ -476,12 +516,52 @@ mod tests {
         assert_eq!((methods.len(), methods[2][..2].to_vec()), (3, vec![names::OURS.to_owned(), "30.20".into()]));
         assert!(sheet(&sheets, "methods_real").is_none() && sheet(&sheets, "scaling").is_none());
         let lines = sheet(&sheets, "scenes").map(Sheet::lines).unwrap_or_default();
-        assert_eq!(lines[1][..3], ["a", "30.10", "1.10"]);
-        assert_eq!((lines.len(), lines[1][12].as_str()), (3, "1.50"));
+        assert_eq!(lines[1][..6], ["a", "30.10", "1.10", "", "same time", "1.10"]);
+        assert_eq!((lines.len(), lines[1][15].as_str()), (3, "1.50"));
         let failure = sheet(&sheets, "failure").map(Sheet::lines).unwrap_or_default();
-        assert_eq!(failure[1], ["c", "21.00", "-8.00", "", "not alike"]);
+        assert_eq!(failure[1], ["c", "21.00", "-8.00", "", "same time", "not alike"]);
         assert_eq!(sheet(&sheets, "ablation_init").map(|s| s.rows.len()), Some(1));
         assert_eq!(sheet(&sheets, "sizes").map(|s| s.rows[0][4].clone()), Some(Cell::Number(8.0, 2)));
+    }
+
+    /// The column with the given head, without it.
+    fn column(sheet: Option<&Sheet>, head: &str) -> Vec<String> {
+        let lines = sheet.map(Sheet::lines).unwrap_or_default();
+        let place = lines.first().and_then(|heads| heads.iter().position(|h| h == head));
+        lines.iter().skip(1).filter_map(|line| line.get(place?).cloned()).collect()
+    }
+
+    /// In every table the rival is the better plain cloud where both were measured; sizes compare the same encodings.
+    #[test]
+    fn the_rival_is_the_better_cloud_and_the_same_format() {
+        let parts = [Part::Scene, Part::Failure, Part::Scaling, Part::Differences];
+        let of_part = |part| {
+            let mut scene = scene("a", part, &[0.0]);
+            let row = |name: &str, psnr, file_bytes| Row { name: name.into(), psnr, file_bytes, ..Row::default() };
+            scene.seeds[0].rows.extend([
+                row(names::AT_ONCE, 29.75, 0),
+                row(names::OURS_F16, 29.9, 0),
+                row(names::SAME_BYTES, 28.9, 0),
+                row(names::SAME_TIME_SMALL, 28.9, 900),
+                row(names::OURS_SMALL, 29.9, 600),
+            ]);
+            scene
+        };
+        let sheets = all(&parts.map(of_part));
+        for (key, head) in [
+            ("scenes", "best 3DGS"),
+            ("failure", "against best 3DGS"),
+            ("scaling", "against best 3DGS"),
+            ("differences", "best 3DGS"),
+        ] {
+            assert_eq!(column(sheet(&sheets, key), head), ["0.25"], "{key}");
+            assert_eq!(column(sheet(&sheets, key), "best of"), ["both"], "{key}");
+        }
+        for key in ["scenes", "differences"] {
+            assert_eq!(column(sheet(&sheets, key), "same bytes (f16)"), ["1.00"], "{key}");
+        }
+        assert_eq!(column(sheet(&sheets, "scenes"), "same time"), ["1.00"]);
+        assert_eq!(column(sheet(&sheets, "sizes"), "small x small"), ["1.50"]);
     }
 
     #[test]

@@ -2,27 +2,26 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-
-use crate::comparison::{Comparison, Rival, Runs, compare, work_seconds};
+use super::kept::{Kept, MadeBy};
+use super::named_lpips::NamedLpips;
+use crate::comparison::{Compared, Comparison, Rival, Runs, Seen, compare, work_seconds};
 use crate::data_set::make_data;
+use crate::origin::Origin;
 use crate::picture_grid::Grid;
-use crate::protocol::{Measure, Row};
+use crate::protocol::{DrawLimits, Row};
 use crate::results::label_truth::label_accuracy;
 use crate::results::scene_list::{Size, Source};
 use crate::results::{Ablation, Part, SceneJob, SceneList, SceneResult, Segmentation};
 use instgs_cli::training::Session;
 use instgs_console::CliError;
 use instgs_console::args::{absolute, create_folder};
-use instgs_eval::Lpips;
-use instgs_io::json::{read_json, write_json};
-use instgs_io::{MaskFolder, RunFolder, Split, View, load_scene, read_views};
+use instgs_io::json::read_json;
+use instgs_io::{MaskFolder, RunFolder, View, load_scene, read_views};
 use instgs_objects::pipeline::CloudLabels;
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_report::RunReport;
 use instgs_synth::dataset;
 use instgs_train::config::Method;
-use instgs_train::eval_options;
 use instgs_train::facts::StageTime;
 
 /// The inputs that all scenes share.
@@ -35,43 +34,78 @@ pub(super) struct Evidence<'a> {
     /// Further scenes to compare with, as far as a scene's kind has them.
     pub(super) also: &'a [Rival],
     pub(super) out: &'a Path,
-    pub(super) lpips: Option<Lpips>,
-}
-
-/// A result, with the settings that it was computed from.
-#[derive(Serialize, Deserialize)]
-struct Kept {
-    /// Everything that the result depends on, as text.
-    made_by: String,
-    result: SceneResult,
+    pub(super) lpips: Option<NamedLpips>,
+    /// This program on this device.
+    pub(super) origin: Origin,
 }
 
 /// Measures a scene, or reads the results if that is done.
 pub(super) fn run_scene(evidence: &Evidence<'_>, job: &SceneJob) -> Result<SceneResult, CliError> {
     let out = evidence.out.join("scenes").join(&job.name);
     create_folder(&out)?;
-    let data = data_of(evidence, job)?;
-    let config = config_of(evidence.list, job, &data)?;
-    let ablations = if job.ablations { evidence.list.ablations.as_slice() } else { &[] };
-    let (seeds, also, lpips) = (evidence.seeds, evidence.also, evidence.lpips.is_some());
-    let made_by = format!("{job:?} {:?} {seeds:?} {also:?} {lpips} {ablations:?} {}", evidence.size, config.to_toml()?);
-    let path = out.join("result.json");
-    if let Ok(kept) = read_json::<Kept>(&path)
-        && kept.made_by == made_by
-    {
+    let data = data_of(evidence, job);
+    let config = config_of(evidence.list, job, &data.folder)?;
+    let made_by = made_by(evidence, job, &config)?;
+    if let Some(kept) = Kept::read(&out).filter(|kept| kept.made_by == made_by) {
         evidence.session.printer.line(format_args!("{}: as measured before", job.name));
         return Ok(kept.result);
     }
-    let result = measured(evidence, job, &data, config, &out)?;
+    data.make(evidence)?;
+    let result = measured(evidence, job, &data.folder, config, &out)?;
     let kept = Kept { made_by, result };
-    write_json(&path, &kept)?;
+    kept.write(&out)?;
     Ok(kept.result)
 }
 
-/// The folder of the data set, which is rendered if it does not exist.
-fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError> {
+/// What an earlier call has left of a scene.
+pub(super) enum Earlier {
+    /// A result that may be in one table with those of now: of this program and these settings, on any device.
+    Fits(Box<SceneResult>),
+    /// A result of something else, which is named.
+    Other(&'static str),
+    /// No result.
+    Nothing,
+}
+
+/// Reads what an earlier call has left of a scene.
+pub(super) fn earlier(evidence: &Evidence<'_>, job: &SceneJob) -> Result<Earlier, CliError> {
+    let Some(kept) = Kept::read(&evidence.out.join("scenes").join(&job.name)) else { return Ok(Earlier::Nothing) };
+    let config = config_of(evidence.list, job, &data_of(evidence, job).folder)?;
+    let difference = kept.made_by.difference_beside(&made_by(evidence, job, &config)?);
+    Ok(difference.map_or_else(|| Earlier::Fits(Box::new(kept.result)), Earlier::Other))
+}
+
+fn made_by(evidence: &Evidence<'_>, job: &SceneJob, config: &RunConfig) -> Result<MadeBy, CliError> {
+    let ablations = if job.ablations { evidence.list.ablations.as_slice() } else { &[] };
+    // Which rows are measured is no setting of these rows.
+    let plain = SceneJob { ablations: false, ..job.clone() };
+    Ok(MadeBy {
+        settings: format!("{plain:?} {:?} {:?} {}", evidence.size, evidence.seeds, config.to_toml()?),
+        rows: format!("{:?} {ablations:?}", evidence.also),
+        lpips: evidence.lpips.as_ref().map(|lpips| lpips.name.clone()),
+        origin: evidence.origin.clone(),
+    })
+}
+
+/// The folder of a data set, and how it is made if `synth` makes it.
+struct Data<'a> {
+    folder: PathBuf,
+    made: Option<(&'a str, dataset::Options)>,
+}
+
+impl Data<'_> {
+    /// Renders the data set unless it exists.
+    fn make(&self, evidence: &Evidence<'_>) -> Result<(), CliError> {
+        match &self.made {
+            Some((recipe, options)) => make_data(recipe, &self.folder, options, evidence.session.printer),
+            None => Ok(()),
+        }
+    }
+}
+
+fn data_of<'a>(evidence: &Evidence<'_>, job: &'a SceneJob) -> Data<'a> {
     match &job.source {
-        Source::Folder(folder) => Ok(folder.clone()),
+        Source::Folder(folder) => Data { folder: folder.clone(), made: None },
         Source::Synth { recipe, seed, instances, differences } => {
             let [width, height] = evidence.size.pixels;
             let folder =
@@ -85,8 +119,7 @@ fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError>
                 flight: None,
                 pose_noise: None,
             };
-            make_data(recipe, &folder, &options, evidence.session.printer)?;
-            Ok(folder)
+            Data { folder, made: Some((recipe, options)) }
         }
     }
 }
@@ -127,10 +160,10 @@ fn measured(
         frames: evidence.size.frames,
         more_steps: job.more_steps,
         rivals,
-        lpips: evidence.lpips.clone(),
+        lpips: evidence.lpips.as_ref().map(|lpips| lpips.network.clone()),
     };
     let mut grid = Grid::default();
-    let seeds = compare(session, &comparison, &mut |name, view| grid.add(name, view))?;
+    let Compared { seeds, views } = compare(session, &comparison, &mut |name, view| grid.add(name, view))?;
     grid.write(&out.join("pictures.png"))?;
     let first = evidence.seeds.first().copied().unwrap_or_default();
     let at = out.join(format!("seed_{first}"));
@@ -138,20 +171,20 @@ fn measured(
     let mut config = comparison.config.clone();
     config.train.seed = first;
     let runs = Runs { session, data, out: at, config };
-    let views = read_views(data)?.views;
     Ok(SceneResult {
         name: job.name.clone(),
         synthetic: matches!(job.source, Source::Synth { .. }),
         part: job.part,
         seeds,
-        segmentation: segmentation(&runs, &report, &views)?,
+        segmentation: segmentation(&runs, &report, &read_views(data)?.views)?,
         instances: report.groups.iter().map(|group| group.instances.len() as u64).sum(),
         differences: match job.source {
             Source::Synth { differences, .. } => differences,
             Source::Folder(_) => 1.0,
         },
-        ablations: if job.ablations { ablations(evidence, &comparison, &runs, &views)? } else { Vec::new() },
-        device: session.gpu.caps().name.clone(),
+        ablations: if job.ablations { ablations(evidence, &runs, &views)? } else { Vec::new() },
+        limits: DrawLimits::of(&runs.config.train),
+        origin: evidence.origin.clone(),
     })
 }
 
@@ -180,24 +213,10 @@ fn segmentation(runs: &Runs<'_>, report: &RunReport, views: &[View]) -> Result<S
     })
 }
 
-/// Trains other settings from the same plain cloud, and measures them.
-fn ablations(
-    evidence: &Evidence<'_>,
-    comparison: &Comparison,
-    runs: &Runs<'_>,
-    views: &[View],
-) -> Result<Vec<Ablation>, CliError> {
-    let test: Vec<View> = views.iter().filter(|view| view.split == Split::Test).cloned().collect();
-    let masks = runs.config.pipeline.masks.clone().or_else(|| MaskFolder::default_for(runs.data));
-    let masks = masks.map(|folder| MaskFolder::open(&folder, views)).transpose()?;
-    let measure = Measure {
-        gpu: evidence.session.gpu,
-        views: &test,
-        width: (runs.config.train.width > 0).then_some(runs.config.train.width),
-        options: eval_options(&comparison.config.train),
-        masks: masks.as_ref(),
-        lpips: evidence.lpips.as_ref(),
-    };
+/// Trains other settings from the same plain cloud, and measures them on the test views of the comparison.
+fn ablations(evidence: &Evidence<'_>, runs: &Runs<'_>, views: &[View]) -> Result<Vec<Ablation>, CliError> {
+    let (masks, lpips) = (runs.masks(views)?, evidence.lpips.as_ref().map(|lpips| &lpips.network));
+    let measure = runs.measure(Seen { views, masks: masks.as_ref(), lpips });
     let mut out = Vec::new();
     for setting in &evidence.list.ablations {
         let mut builder = ConfigBuilder::new().text(&runs.config.to_toml()?, "the scene's configuration")?;
