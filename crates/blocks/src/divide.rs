@@ -10,9 +10,8 @@ use std::path::Path;
 use crate::cell::{Cell, Ground};
 use crate::far::Surroundings;
 use crate::plan::{Block, Plan};
+use crate::shares::{Shares, is_framed};
 
-/// Most points that views are compared by; of more, every k-th counts.
-const SAMPLED: usize = 60_000;
 /// Part of the points at each end of an axis that do not count for the extent of a block: strays.
 const STRAYS: f64 = 0.02;
 /// Least number of points that views show per block.
@@ -45,10 +44,13 @@ pub struct Division {
     pub views: Vec<Vec<usize>>,
     /// By block, indices of its points: first those within cell and margin, then those farther away.
     pub points: Vec<Vec<usize>>,
+    /// Views that no block has enough of, one line each for the user.
+    pub notes: Vec<String>,
 }
 
 /// Divides the views and points of the data set in folder `data`, an absolute path. The ground is cut in two, along the longer
-/// extent of the points that training views show, so that the parts have points in proportion to their blocks, and so on.
+/// extent of the points that training views show, so that the parts have points in proportion to their blocks, and so on. A view
+/// that shows enough of no block is given to the one that it shows most, so that only views without a point are left out.
 ///
 /// # Errors
 /// There are too few points or views for so many blocks, or the cameras do not agree on an up axis.
@@ -74,13 +76,13 @@ pub fn divide(
     let mut flat: Vec<[f64; 2]> = shown_points.iter().map(|&p| ground.flat(p)).collect();
     let mut parts = Vec::new();
     bisect(&mut flat, Cell::default(), options.blocks, &mut parts);
-    let mut division = Division { plan: Plan::new(data.into(), ground, Vec::new()), views: vec![], points: vec![] };
-    let shares = Shares::new(dataset, &shown_points, ground);
+    let grown: Vec<Cell> = parts.iter().map(|part| part.cell.grown(part.margin(options.overlap))).collect();
+    let given = Shares::new(&dataset.views, &shown_points, ground, &grown).given(&dataset.views, options.least_share);
+    let plan = Plan::new(data.into(), ground, Vec::new());
+    let mut division = Division { plan, views: vec![], points: vec![], notes: given.notes };
     let digits = (parts.len() - 1).to_string().len().max(2);
-    for (number, part) in parts.iter().enumerate() {
-        let margin = [0, 1].map(|axis: usize| options.overlap * (part.high[axis] - part.low[axis]));
-        let grown = part.cell.grown(margin);
-        let views = shares.views_of(&grown, options.least_share);
+    for (number, ((part, grown), views)) in parts.iter().zip(&grown).zip(given.views).enumerate() {
+        let margin = part.margin(options.overlap);
         let train_views = views.iter().filter(|&&v| dataset.views[v].split == Split::Train).count();
         if train_views < FEWEST_VIEWS {
             let what = format!("block {number} of {} would have {train_views} training views", options.blocks);
@@ -115,6 +117,13 @@ struct Part {
     high: [f64; 2],
 }
 
+impl Part {
+    /// The margin on each side, by axis, scene units; `overlap` as in [`DivideOptions`].
+    fn margin(&self, overlap: f64) -> [f64; 2] {
+        [0, 1].map(|axis: usize| overlap * (self.high[axis] - self.low[axis]))
+    }
+}
+
 /// Cuts a cell into `count` parts by the points in it.
 fn bisect(flat: &mut [[f64; 2]], cell: Cell, count: usize, out: &mut Vec<Part>) {
     let ranges = [0, 1].map(|axis: usize| extent(flat, axis));
@@ -142,39 +151,10 @@ fn extent(flat: &[[f64; 2]], axis: usize) -> [f64; 2] {
     [values[stray], values[values.len() - 1 - stray]]
 }
 
-fn is_framed(camera: &Camera, point: DVec3) -> bool {
-    camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at))
-}
-
 /// Indices of the points in the frame of at least one camera.
 fn in_frames(cameras: &[Camera], points: &[DVec3]) -> Vec<usize> {
     let seen = |&i: &usize| cameras.iter().any(|camera| is_framed(camera, points[i]));
     (0..points.len()).into_par_iter().filter(seen).collect()
-}
-
-/// Where the points in every view's frame lie on the ground.
-struct Shares {
-    of_view: Vec<Vec<[f64; 2]>>,
-}
-
-impl Shares {
-    fn new(dataset: &Dataset, points: &[DVec3], ground: Ground) -> Self {
-        let every = points.len().div_ceil(SAMPLED).max(1);
-        let sampled: Vec<(DVec3, [f64; 2])> = points.iter().step_by(every).map(|&p| (p, ground.flat(p))).collect();
-        let framed = |view: &instgs_io::View| {
-            sampled.iter().filter(|(p, _)| is_framed(&view.camera, *p)).map(|(_, flat)| *flat).collect()
-        };
-        Self { of_view: dataset.views.par_iter().map(framed).collect() }
-    }
-
-    /// Indices of the views of which at least a part `least` shows a cell.
-    fn views_of(&self, cell: &Cell, least: f64) -> Vec<usize> {
-        let shows = |framed: &Vec<[f64; 2]>| {
-            let inside = framed.iter().filter(|at| cell.owns(**at)).count();
-            inside > 0 && inside as f64 >= least * framed.len() as f64
-        };
-        self.of_view.iter().enumerate().filter(|(_, framed)| shows(framed)).map(|(v, _)| v).collect()
-    }
 }
 
 #[cfg(test)]
@@ -233,6 +213,49 @@ mod tests {
         }
         // Every view belongs to a block.
         assert!((0..21).all(|v| division.views.iter().any(|views| views.contains(&v))));
+        assert_eq!(division.notes, Vec::<String>::new());
+        Ok(())
+    }
+
+    /// Of a square in 16 blocks an overview shows a sixteenth in each, less than is enough: one block has it nevertheless. A view
+    /// of the sky is of no block, and its name is said.
+    #[test]
+    fn no_view_is_left_out_silently() -> Result<(), Box<dyn std::error::Error>> {
+        let view = |name: String, eye: DVec3, down: f64| View {
+            camera: Camera::look_at(&name, eye, eye + DVec3::new(0.0, 0.3, -down), DVec3::Z, 0.9, (64, 64)),
+            image_path: format!("{name}.png").into(),
+            split: Split::Train,
+            distortion: None,
+            mask_path: None,
+        };
+        let low = (0..256u32).map(|i| {
+            let eye = DVec3::new(f64::from(i % 16) + 0.5, f64::from(i / 16) + 0.5, 2.0);
+            view(format!("low_{i:03}"), eye, 1.0)
+        });
+        let high =
+            (0..20u32).map(|i| view(format!("high_{i:02}"), DVec3::new(7.9 + 0.01 * f64::from(i), 1.5, 22.0), 1.0));
+        let sky = view("sky".into(), DVec3::new(8.0, 8.0, 2.0), -1.0);
+        let views: Vec<View> = low.chain(high).chain([sky]).collect();
+        let mut cloud = PointCloud::default();
+        for i in 0..6400u16 {
+            cloud.positions.push([f32::from(i % 80) * 0.2 + 0.1, f32::from(i / 80) * 0.2 + 0.1, 0.0]);
+            cloud.colors.push([9; 3]);
+        }
+        let dataset = Dataset { views, notes: Vec::new() };
+        let options = DivideOptions { blocks: 16, ..DivideOptions::default() };
+        let division = divide(Path::new("/square"), &dataset, &cloud, &options)?;
+        let blocks_of = |v: usize| division.views.iter().filter(|views| views.contains(&v)).count();
+        assert!((0..256).all(|v| blocks_of(v) >= 1));
+        assert_eq!((256..276).map(blocks_of).collect::<Vec<_>>(), [1; 20]);
+        assert_eq!(blocks_of(276), 0);
+        let [spread, empty] = division.notes.as_slice() else { return Err(format!("{:?}", division.notes).into()) };
+        assert!(
+            spread.starts_with("20 of 277 views (high_00, high_01, high_02, high_03, high_04, ...): no block has 15 %")
+        );
+        assert!(empty.starts_with("1 of 277 views (sky): none of the points is in the frame"), "{empty}");
+        // The counts of the plan are with them.
+        let counted: usize = division.plan.blocks.iter().map(|block| block.train_views).sum();
+        assert_eq!(counted, division.views.iter().map(Vec::len).sum::<usize>());
         Ok(())
     }
 

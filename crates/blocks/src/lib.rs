@@ -16,6 +16,7 @@ mod job_list;
 pub mod join;
 mod links;
 mod plan;
+mod shares;
 pub mod split;
 
 pub use cell::{Cell, Ground};

@@ -26,6 +26,19 @@ pub(crate) fn relative_text(folder: &Path, target: &Path) -> String {
     path.to_string_lossy().replace('\\', "/")
 }
 
+/// An absolute path without its dots: each pair of dots takes back the folder before it.
+pub(crate) fn without_dots(path: &Path) -> PathBuf {
+    let mut out = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::ParentDir => drop(out.pop()),
+            Component::CurDir => {}
+            part => out.push(part),
+        }
+    }
+    out
+}
+
 /// The folder of a data set.
 pub(crate) struct DataFolder<'a> {
     /// The path that the user gave: those of the files that a reader names begin with it.
@@ -107,6 +120,7 @@ mod tests {
         assert_eq!(path("/a/data/out/b", "/a/data/x.png"), "../../x.png");
         assert_eq!(path("/a", "/a/b/c"), "b/c");
         assert_eq!(path("/a/b", "/z/c"), "../../z/c");
+        assert_eq!(without_dots(Path::new("/a/b/../../z/./c")), Path::new("/z/c"));
     }
 
     #[test]

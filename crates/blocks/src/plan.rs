@@ -7,6 +7,7 @@ use instgs_io::json::{read_json, write_json};
 use serde::{Deserialize, Serialize};
 
 use crate::cell::{Cell, Ground};
+use crate::links::{relative_text, without_dots};
 
 /// Name of the plan's file.
 pub const PLAN: &str = "blocks.json";
@@ -18,7 +19,7 @@ const FORMAT: &str = "instgs-blocks/1";
 pub struct Plan {
     /// Version of the file.
     format: String,
-    /// Folder of the whole data set, absolute.
+    /// Folder of the whole data set, absolute. The file has it relative to the plan's folder, so that both can be moved together.
     pub data: PathBuf,
     /// The ground that cells lie on.
     pub ground: Ground,
@@ -51,19 +52,23 @@ impl Plan {
         Self { format: FORMAT.into(), data, ground, blocks }
     }
 
-    /// Reads the plan in a folder.
+    /// Reads the plan in a folder. Older plans have absolute paths, which are taken as they are.
     ///
     /// # Errors
     /// It is missing, damaged, or of another version.
     pub fn read(folder: &Path) -> Result<Self, IoError> {
         let path = folder.join(PLAN);
-        let plan: Self = read_json(&path)?;
+        let mut plan: Self = read_json(&path)?;
         if plan.format != FORMAT {
             let what = format!("is of version \"{}\", and this program reads {FORMAT}", plan.format);
             return Err(IoError::new(&path, what).advise("split the data set again with this program"));
         }
         if plan.blocks.is_empty() {
             return Err(IoError::new(&path, "has no blocks").advise("split the data set again"));
+        }
+        if plan.data.is_relative() {
+            let named = without_dots(&real(folder).join(&plan.data));
+            plan.data = real(&named);
         }
         Ok(plan)
     }
@@ -73,13 +78,19 @@ impl Plan {
     /// # Errors
     /// It cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), IoError> {
-        write_json(&folder.join(PLAN), self)
+        let data = relative_text(&real(folder), &self.data).into();
+        write_json(&folder.join(PLAN), &Self { data, ..self.clone() })
     }
 
     /// Index of the block that owns a point of the ground.
     pub fn owner(&self, at: [f64; 2]) -> Option<usize> {
         self.blocks.iter().position(|block| block.cell.owns(at))
     }
+}
+
+/// A folder without links or dots; if it is missing, its path as it stands.
+fn real(folder: &Path) -> PathBuf {
+    std::fs::canonicalize(folder).unwrap_or_else(|_| folder.into())
 }
 
 /// The folder with the plan above a run or a scene that lies in a block's folder, and the block's name. The folder is without
@@ -95,8 +106,7 @@ pub fn block_of(run: &Path) -> Result<(PathBuf, String), IoError> {
             && folder.join(PLAN).is_file()
         {
             // Runs of one split may be named in several ways; they are compared by this folder.
-            let real = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.into());
-            return Ok((real, name.to_string_lossy().into_owned()));
+            return Ok((real(folder), name.to_string_lossy().into_owned()));
         }
         below = Some(folder);
     }
@@ -127,6 +137,11 @@ mod tests {
         };
         let mut plan = Plan::new("/data".into(), ground, cells.map(block).to_vec());
         plan.write(folder.path())?;
+        let text = std::fs::read_to_string(folder.path().join(PLAN))?;
+        assert!(text.contains("\"../") && !text.contains("\"/data\""), "{text}");
+        assert_eq!(Plan::read(folder.path())?, plan);
+        // As it was written before.
+        write_json(&folder.path().join(PLAN), &plan)?;
         assert_eq!(Plan::read(folder.path())?, plan);
         assert_eq!(plan.owner([3.0, 0.4]), Some(0));
         assert_eq!(block_of(&run)?, (std::fs::canonicalize(folder.path())?, "block_01".to_owned()));

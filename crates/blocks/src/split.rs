@@ -20,7 +20,7 @@ pub struct Written {
     pub plan: Plan,
     /// Folder of the plan, absolute.
     pub folder: PathBuf,
-    /// What the reader of the data set has to say, one line each.
+    /// What the reader of the data set has to say, and which views no block has enough of; one line each.
     pub notes: Vec<String>,
 }
 
@@ -37,9 +37,14 @@ pub fn split(data: &Path, out: &Path, options: &DivideOptions) -> Result<Written
         let error = IoError::new(data, "has no point cloud, by which it could be divided");
         return Err(error.advise(advice_without_points(data)));
     };
+    if loaded.dropped_non_finite > 0 {
+        let (path, count) = (loaded.path.display(), loaded.dropped_non_finite);
+        notes.push(format!("{path}: dropped {count} points that are not finite"));
+    }
     notes.extend(loaded.notes);
     let data = DataFolder::new(data)?;
     let division = divide(&data.real, &dataset, &loaded.points, options)?;
+    notes.extend_from_slice(&division.notes);
     if out.join(PLAN).exists() && Plan::read(out)? != division.plan {
         let error = IoError::new(out, "holds blocks of another data set, or divided in another way");
         return Err(error.advise("choose another folder"));
@@ -93,10 +98,58 @@ mod tests {
     use super::*;
     use crate::cell::{Cell, Ground};
     use crate::plan::Block;
+    use glam::DVec3;
+    use instgs_vk::scene::Camera;
+
+    type Test = Result<(), Box<dyn std::error::Error>>;
+
+    /// A data set of eight views along x, one of the sky, and a point that is no number.
+    fn row(data: &Path) -> Test {
+        let camera = |i: u32| {
+            let eye = DVec3::new(f64::from(i), 0.0, 2.0);
+            let target = eye + DVec3::new(0.0, 0.5, if i == 8 { 1.0 } else { -1.0 });
+            Camera::look_at(&format!("{i}"), eye, target, DVec3::Z, 0.9, (32, 32))
+        };
+        let cameras: Vec<Camera> = (0..9).map(camera).collect();
+        let frame = |camera| Frame {
+            camera,
+            file: format!("images/{}.png", camera.name),
+            distortion: None,
+            mask: None,
+            split: Some(instgs_io::Split::Train),
+        };
+        let mut cloud = PointCloud::default();
+        for i in 0..400u16 {
+            cloud.positions.push([f32::from(i % 100) * 0.08, f32::from(i / 100), 0.0]);
+            cloud.colors.push([9; 3]);
+        }
+        cloud.positions[7][1] = f32::NAN;
+        write_points(&data.join(POINTS), &cloud)?;
+        let frames: Vec<Frame<'_>> = cameras.iter().map(frame).collect();
+        Ok(write_frames(&data.join("transforms.json"), &frames, Some(POINTS))?)
+    }
+
+    #[test]
+    fn what_is_left_out_is_noted_and_the_folders_can_be_moved_together() -> Test {
+        let folder = tempfile::tempdir()?;
+        let (before, after) = (folder.path().join("before"), folder.path().join("after"));
+        std::fs::create_dir_all(before.join("data"))?;
+        row(&before.join("data"))?;
+        let options = DivideOptions::default();
+        let written = split(&before.join("data"), &before.join("blocks"), &options)?;
+        let all = written.notes.join("\n");
+        assert!(all.contains("dropped 1 points that are not finite") && all.contains("views (8): none"), "{all}");
+        // The same data set, wherever both are: splitting again is no other division.
+        std::fs::rename(&before, &after)?;
+        assert_eq!(Plan::read(&after.join("blocks"))?.data, std::fs::canonicalize(after.join("data"))?);
+        let again = split(&after.join("data"), &after.join("blocks"), &options)?;
+        assert_eq!(again.plan.blocks, written.plan.blocks);
+        Ok(())
+    }
 
     /// Photos of two cameras, whose folders are links: views are named by the links, as their masks are.
     #[test]
-    fn views_of_a_block_have_the_names_that_they_have_in_the_whole() -> Result<(), Box<dyn std::error::Error>> {
+    fn views_of_a_block_have_the_names_that_they_have_in_the_whole() -> Test {
         let folder = tempfile::tempdir()?;
         let (data, blocks) = (folder.path().join("data"), folder.path().join("blocks"));
         std::fs::create_dir_all(data.join("images"))?;
@@ -123,7 +176,7 @@ mod tests {
         };
         let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
         let plan = Plan::new(data.clone(), ground, vec![block]);
-        let division = Division { plan, views: vec![vec![0, 1]], points: vec![vec![]] };
+        let division = Division { plan, views: vec![vec![0, 1]], points: vec![vec![]], notes: vec![] };
         run_folder::create(&blocks)?;
         let blocks = std::fs::canonicalize(&blocks)?;
         write_block(&blocks, &DataFolder::new(&data)?, 0, &division, &dataset, &PointCloud::default())?;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use instgs_console::args::open_scene;
+use instgs_console::args::{create_folder_of, open_scene};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
@@ -77,6 +77,7 @@ pub(super) fn run(args: &LevelsArgs, device_args: &DeviceArgs, printer: &Printer
             .advise("a plain cloud has levels by merging: --lod needs no preparation")
             .into());
     }
+    create_folder_of(&args.out)?;
     if args.again {
         scene.fitted_levels.clear();
     }
@@ -159,4 +160,53 @@ fn table_of(templates: &[TemplateReport]) -> Table {
         }
     }
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use instgs_io::save_scene;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::{Instance, SourceRange};
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: LevelsArgs,
+        #[command(flatten)]
+        device: DeviceArgs,
+    }
+
+    /// Before a device is opened, and so before anything is trained.
+    #[test]
+    fn a_folder_that_cannot_be_made_is_noticed_first() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("a.instgs");
+        let templates = Gaussians {
+            sh_degree: 0,
+            means: vec![[0.0; 3]],
+            quats: vec![[1.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[-3.0; 3]],
+            opacity_logits: vec![1.0],
+            sh: vec![[0.2; 3]],
+        };
+        let instance = Instance { template: 0, world_from_template: Similarity::IDENTITY, first_offset: None };
+        let scene = InstancedScene {
+            templates,
+            template_ranges: vec![SourceRange { first: 0, count: 1 }],
+            instances: vec![instance],
+            ..InstancedScene::default()
+        };
+        save_scene(&path, &scene)?;
+        // A file is in the way of the folder.
+        let out = path.join("new/b.instgs").display().to_string();
+        let scene = path.display().to_string();
+        // No such device: nothing goes on from there.
+        let Line { args, device } = Line::try_parse_from(["levels", &scene, "--out", &out, "--device", "none such"])?;
+        let error = run(&args, &device, &Printer::new(false)).err().ok_or("taken")?.to_string();
+        assert!(error.contains("cannot create the folder"), "{error}");
+        Ok(())
+    }
 }

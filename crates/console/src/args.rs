@@ -171,7 +171,7 @@ impl JsonArgs {
 #[derive(Args)]
 pub struct LookArgs {
     /// Background colour, three sRGB values from 0 to 1 [default: 0,0,0]
-    #[arg(long, value_name = "R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
+    #[arg(long, value_name = "R,G,B", value_parser = parse_color, allow_hyphen_values = true)]
     background: Option<Triple>,
     /// Depth of the near plane, scene units [default: the scene's, which is 0.2 unless it was trained with another]
     #[arg(long, value_name = "Z", value_parser = parse_near)]
@@ -330,6 +330,17 @@ pub fn create_folder(path: &Path) -> Result<(), CliError> {
     Ok(instgs_io::run_folder::create(path)?)
 }
 
+/// Creates the folder of a file before the work whose result it will hold.
+///
+/// # Errors
+/// The folder cannot be created.
+pub fn create_folder_of(file: &Path) -> Result<(), CliError> {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => create_folder(folder),
+        _ => Ok(()),
+    }
+}
+
 /// Parses the name of a precision.
 pub fn parse_precision(text: &str) -> Result<DevicePrecision, String> {
     let found = DevicePrecision::ALL.into_iter().find(|precision| precision.name() == text);
@@ -351,6 +362,13 @@ pub fn parse_triple(text: &str) -> Result<Triple, String> {
         Ok(values) if text.split(',').count() == 3 => Ok(Triple(values)),
         _ => Err("want three numbers separated by commas, for instance 0,0.5,1".into()),
     }
+}
+
+/// Parses a colour `R,G,B`, three numbers from 0 to 1.
+pub fn parse_color(text: &str) -> Result<Triple, String> {
+    let color = parse_triple(text)?;
+    let is_shown = color.0.iter().all(|part| (0.0..=1.0).contains(part));
+    if is_shown { Ok(color) } else { Err("want values from 0 to 1, for instance 1,1,1 for white".into()) }
 }
 
 /// Parses an up axis `X,Y,Z` of any length but zero.
@@ -377,7 +395,23 @@ fn parse_dilation(text: &str) -> Result<f32, String> {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        look: LookArgs,
+    }
+
+    #[test]
+    fn a_background_of_bytes_is_refused() {
+        let background =
+            |text: &str| Line::try_parse_from(["x", "--background", text]).map(|line| line.look.background);
+        assert!(background("255,255,255").is_err_and(|error| error.to_string().contains("from 0 to 1")));
+        assert_eq!(background("1,1,1").ok().flatten().map(|color| color.0), Some([1.0; 3]));
+    }
 
     #[test]
     fn sizes_and_triples() {
@@ -388,6 +422,10 @@ mod tests {
         }
         for bad in ["", "1", "1,2", "1,2,3,4", "1,2,x", "1,nan,2", "1,2,3,", "a,1,2,3"] {
             assert!(parse_triple(bad).is_err(), "{bad}");
+        }
+        assert_eq!(parse_color("0,0.5,1").map(|t| t.0), Ok([0.0, 0.5, 1.0]));
+        for bad in ["255,255,255", "0,0,1.01", "-0.1,0,0"] {
+            assert!(parse_color(bad).is_err_and(|text| text.contains("from 0 to 1")), "{bad}");
         }
         assert!(parse_up("0,0,0").is_err() && parse_near("-1").is_err() && parse_near("nan").is_err());
         assert!(parse_lod("2") == Ok(2.0) && ["0", "-1", "nan", "1e9", "x"].iter().all(|t| parse_lod(t).is_err()));

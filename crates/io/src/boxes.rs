@@ -122,21 +122,45 @@ pub fn write_boxes(path: &Path, boxes: &Boxes) -> Result<(), IoError> {
     write_json(path, &BoxesFields { objects: boxes.objects.iter().map(object).collect(), views: views.collect() })
 }
 
-/// Boxes in photos under the names of views: a photo may be named with its ending, too.
+/// Boxes in photos under the names of views. A key may also be the name of a photo with its ending, if only one view has such a
+/// photo, or the end of a photo's path with at least one folder, as views of several cameras are named (`back_006`) whose part in
+/// a block is named without the folder (`006`): the rule by which masks are found, too.
 pub fn with_view_names(mut boxes: Boxes, views: &[View]) -> Boxes {
+    let taken: BTreeSet<&str> = views.iter().map(|view| view.camera.name.as_str()).collect();
+    let mut of_other_name: BTreeMap<String, usize> = BTreeMap::new();
+    for name in views.iter().flat_map(other_names) {
+        *of_other_name.entry(name).or_default() += 1;
+    }
     for view in views {
-        let Some(photo) = view.image_path.file_name().map(|name| name.to_string_lossy().into_owned()) else { continue };
-        let is_view = |name: &str| views.iter().any(|view| view.camera.name == name);
-        let named = |view: &&View| view.image_path.file_name().is_some_and(|name| name.to_string_lossy() == photo);
-        if views.iter().filter(named).count() == 1
-            && !boxes.views.contains_key(&view.camera.name)
-            && !is_view(&photo)
-            && let Some(list) = boxes.views.remove(&photo)
-        {
-            boxes.views.insert(view.camera.name.clone(), list);
+        let name = &view.camera.name;
+        if boxes.views.contains_key(name) {
+            continue;
+        }
+        let is_of_this = |other: &String| of_other_name.get(other) == Some(&1) && !taken.contains(other.as_str());
+        let list = other_names(view).into_iter().filter(is_of_this).find_map(|other| boxes.views.remove(&other));
+        if let Some(list) = list {
+            boxes.views.insert(name.clone(), list);
         }
     }
     boxes
+}
+
+/// What else a view may be called, the most exact first: the ends of its photo's path with a folder, the longest first, with `_`
+/// or `/` between their parts and with or without the ending; and the name of the file.
+fn other_names(view: &View) -> Vec<String> {
+    let parts_of = |path: &Path| path.iter().map(|part| part.to_string_lossy().into_owned()).collect::<Vec<_>>();
+    let (bare, whole) = (parts_of(&view.image_path.with_extension("")), parts_of(&view.image_path));
+    let mut names = Vec::new();
+    for skipped in 0..bare.len().saturating_sub(1) {
+        for parts in [&bare[skipped..], &whole[skipped..]] {
+            names.extend([parts.join("_"), parts.join("/")]);
+        }
+    }
+    names.extend(whole.last().cloned());
+    // A photo without an ending has equal names.
+    let mut seen = BTreeSet::new();
+    names.retain(|name| seen.insert(name.clone()));
+    names
 }
 
 fn object_of(fields: ObjectFields) -> Result<ObjectBox, String> {
@@ -199,6 +223,8 @@ fn check_id(id: u32, seen: &mut BTreeSet<u32>) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Split;
+    use instgs_vk::scene::Camera;
 
     type Outcome = Result<(), Box<dyn std::error::Error>>;
 
@@ -227,6 +253,41 @@ mod tests {
         let short = read_boxes(&path)?;
         assert_eq!((short.objects[0].world_from_box, short.views.len()), (DQuat::IDENTITY, 0));
         Ok(())
+    }
+
+    /// Views of two cameras, as the whole data set names them and as a block with one of the cameras does.
+    #[test]
+    fn keys_are_found_by_the_end_of_the_photos_path() {
+        let view = |name: &str, path: &str| View {
+            camera: Camera {
+                name: name.into(),
+                ..Camera::look_at("", DVec3::NEG_Y, DVec3::ZERO, DVec3::Z, 0.8, (16, 8))
+            },
+            image_path: path.into(),
+            split: Split::Train,
+            distortion: None,
+            mask_path: None,
+        };
+        let named = |keys: &[&str], views: &[View]| -> Vec<String> {
+            let one = ViewBox { id: None, category: None, score: None, box_px: [0.0, 0.0, 4.0, 4.0] };
+            let views_of_keys = keys.iter().map(|key| (key.to_string(), vec![one.clone()])).collect();
+            let boxes = Boxes { views: views_of_keys, ..Boxes::default() };
+            with_view_names(boxes, views).views.into_keys().collect()
+        };
+        let whole = [view("back_006", "d/images/back/006.png"), view("left_006", "d/images/left/006.png")];
+        let block = [view("006", "b/block_00/../../d/images/back/006.png"), view("007", "../../d/images/back/007.png")];
+        for key in ["back_006", "back_006.png", "back/006.png", "images/back/006", "006.png", "006"] {
+            assert_eq!(named(&[key], &block), ["006"], "{key}");
+        }
+        assert_eq!(named(&["back_006", "left_006", "back_007"], &block), ["006", "007", "left_006"]);
+        // In the whole, the file's name alone says nothing, and what is a view's own name stays.
+        assert_eq!(named(&["006.png", "back_006"], &whole), ["006.png", "back_006"]);
+        assert_eq!(named(&["back/006.png", "left_006.png"], &whole), ["back_006", "left_006"]);
+        // Of two keys for one view the more exact one counts.
+        assert_eq!(named(&["006.png", "back_006"], &block), ["006", "006.png"]);
+        // Two views with one end of the path: neither.
+        let twins = [view("a_back_006", "a/back/006.png"), view("b_back_006", "b/back/006.png")];
+        assert_eq!(named(&["back_006"], &twins), ["back_006"]);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use instgs_objects::template::{Adopter, OffsetKinds, Unmatched};
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
+use instgs_vk::scene::lod::{FittedLevel, template_print};
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 
 use super::kinds::{Kinds, UsedTemplate};
@@ -33,6 +34,9 @@ pub(super) fn assemble(input: &JoinInput<'_>, parts: Parts<'_>) -> Result<Joined
             .templates
             .range(input.scenes[reference.block].template_ranges[reference.template]);
         let gaussians = template.len();
+        let (levels, warning) = levels_of(input, kinds, kind, &template);
+        builder.scene.fitted_levels.extend(levels);
+        report.warnings.extend(warning);
         let members: Vec<(&BlockObject, &UsedTemplate)> = kept
             .iter()
             .map(|one| &found[one.object])
@@ -53,11 +57,12 @@ pub(super) fn assemble(input: &JoinInput<'_>, parts: Parts<'_>) -> Result<Joined
             gaussians,
         });
     }
-    for ((block, planned), instances) in background.iter().zip(&input.plan.blocks).zip(of_block) {
+    for (number, ((block, planned), instances)) in background.iter().zip(&input.plan.blocks).zip(of_block).enumerate() {
         builder.scene.background.append(&block.gaussians);
         report.blocks.push(BlockReport {
             name: planned.name.clone(),
             instances,
+            beyond: input.scenes[number].instances.len() - found.iter().filter(|object| object.block == number).count(),
             background: block.gaussians.len(),
             outside: block.outside,
             covered: block.covered,
@@ -67,6 +72,41 @@ pub(super) fn assemble(input: &JoinInput<'_>, parts: Parts<'_>) -> Result<Joined
     scene.source = format!("instgs-vk: joined from {} blocks", input.scenes.len());
     scene.validate()?;
     Ok(Joined { scene, report })
+}
+
+/// The fitted levels of a kind's template, which stays as it is in its block; or a warning, if that block has none and another one
+/// has levels of its template, which goes.
+fn levels_of(
+    input: &JoinInput<'_>,
+    kinds: &Kinds,
+    kind: usize,
+    template: &Gaussians,
+) -> (Vec<FittedLevel>, Option<String>) {
+    let of = |block: usize, template: &Gaussians| -> Vec<FittedLevel> {
+        let levels = &input.scenes[block].fitted_levels;
+        if levels.is_empty() {
+            return Vec::new();
+        }
+        let print = template_print(template);
+        levels.iter().filter(|level| level.template_print == print).cloned().collect()
+    };
+    let chief = kinds.reference[kind];
+    let levels = of(kinds.used[chief].block, template);
+    if !levels.is_empty() {
+        return (levels, None);
+    }
+    let lost = kinds.used.iter().enumerate().filter(|(u, used)| *u != chief && used.kind == kind).find(|(_, used)| {
+        let scene = &input.scenes[used.block];
+        !of(used.block, &scene.templates.range(scene.template_ranges[used.template])).is_empty()
+    });
+    let warning = lost.map(|(_, used)| {
+        let (name, block) = (used.name.as_deref().unwrap_or("object"), &input.plan.blocks[used.block].name);
+        format!(
+            "{name}: the levels of detail of {block}'s template are left out with it; instgs-vk levels makes those of the joined \
+             scene"
+        )
+    });
+    (levels, warning)
 }
 
 /// Collects the joined scene, one template with its instances after the other, so that ranges and offsets stay consecutive.

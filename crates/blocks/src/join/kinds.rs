@@ -3,7 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use instgs_objects::register::{PoseCheck, RegisterInput, RegisterOptions, Registered, RenderCheck, register};
+use instgs_objects::register::{
+    InstanceRegistration, PoseCheck, RegisterInput, RegisterOptions, Registered, RenderCheck, Verdict, register,
+};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{Gaussians, InstancedScene};
@@ -11,6 +13,7 @@ use instgs_vk::scene::{Gaussians, InstancedScene};
 use super::JoinInput;
 use super::objects::{BlockObject, KeptObject};
 use crate::error::BlocksError;
+use crate::plan::Plan;
 
 /// The kinds of objects in the joined scene.
 pub(super) struct Kinds {
@@ -18,7 +21,7 @@ pub(super) struct Kinds {
     pub used: Vec<UsedTemplate>,
     /// By kind, the index into `used` of the template that stands for it.
     pub reference: Vec<usize>,
-    /// Why templates of one name were not taken for one kind, one line each.
+    /// Why templates of one name were not taken for one kind, and which poses are in doubt; one line each.
     pub warnings: Vec<String>,
 }
 
@@ -89,7 +92,8 @@ pub(super) fn match_kinds(
         }
     }
     let (used, reference) = in_order(used, reference);
-    let warnings = apart(input, &used, &reference, &registered);
+    let mut warnings = apart(input, &used, &reference, &registered);
+    warnings.extend(doubts(input.plan, &used, &registered));
     Ok(Kinds { used, reference, warnings })
 }
 
@@ -154,7 +158,12 @@ fn register_all(input: &JoinInput<'_>, used: &[UsedTemplate], placed: &[Gaussian
         RegisterInput { cloud: &cloud, instance_of_gaussian: &labels, categories: &names, cameras: input.cameras };
     let scales =
         |scene: &InstancedScene| scene.instances.iter().any(|i| (i.world_from_template.scale() - 1.0).abs() > 0.01);
-    let options = RegisterOptions { allow_scale: input.scenes.iter().any(scales), ..RegisterOptions::default() };
+    let options = RegisterOptions {
+        allow_scale: input.scenes.iter().any(scales),
+        // There are few templates, and each stands for many objects: all of a name are compared.
+        most_references: used.len(),
+        ..RegisterOptions::default()
+    };
     let render = RenderOptions::of(&input.scenes[0]);
     let mut check = match input.gpu.filter(|_| !input.cameras.is_empty()) {
         Some(gpu) => Some(RenderCheck::new(gpu, &cloud, &labels, input.cameras, render, None)?),
@@ -178,4 +187,81 @@ fn apart(input: &JoinInput<'_>, used: &[UsedTemplate], reference: &[usize], regi
         }
     }
     out
+}
+
+/// Warnings about templates whose poses are in more than slight doubt: all objects of a block stand as its template does.
+fn doubts(plan: &Plan, used: &[UsedTemplate], registered: &Registered) -> Vec<String> {
+    let is_in_doubt = |one: &&InstanceRegistration| one.verdict == Verdict::Ambiguous && !one.slight;
+    let warning = |one: &InstanceRegistration| {
+        let template = &used[one.instance as usize - 1];
+        let (name, block) = (template.name.as_deref().unwrap_or("object"), &plan.blocks[template.block].name);
+        format!(
+            "{name}: the pose of the template of {block} relative to the others' is in doubt: {}; look at its objects",
+            one.note
+        )
+    };
+    registered.instances.iter().filter(is_in_doubt).map(warning).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::{Cell, Ground};
+    use crate::plan::Block;
+
+    #[test]
+    fn templates_whose_poses_are_in_doubt_are_named() {
+        let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
+        let block = |name: &str| Block {
+            name: name.into(),
+            cell: Cell::default(),
+            margin: [0.0; 2],
+            train_views: 2,
+            test_views: 0,
+            points: 1,
+            far_points: 0,
+        };
+        let plan = Plan::new("/data".into(), ground, ["block_00", "block_01", "block_02"].map(block).to_vec());
+        let template = |(block, name): (usize, Option<&str>)| UsedTemplate {
+            block,
+            template: 0,
+            example: 0,
+            depth: 1.0,
+            instances: 2,
+            name: name.map(String::from),
+            kind: 0,
+            template_from_reference: Similarity::IDENTITY,
+        };
+        let used: Vec<UsedTemplate> =
+            [(0, Some("car")), (1, Some("car")), (2, None)].into_iter().map(template).collect();
+        let of = |instance: u32, verdict: Verdict, slight: bool| InstanceRegistration {
+            instance,
+            group: Some(0),
+            name: None,
+            gaussians: 100,
+            inliers: 0.9,
+            rmse: 0.0,
+            relative_rmse: 0.0,
+            photometric: None,
+            uncertainty: None,
+            accepted: true,
+            verdict,
+            slight,
+            note: "another pose is only 1.0 % less likely".into(),
+        };
+        let told = |instances: &[InstanceRegistration]| {
+            doubts(&plan, &used, &Registered { groups: Vec::new(), instances: instances.to_vec() })
+        };
+        let [first, unnamed] = [of(2, Verdict::Ambiguous, false), of(3, Verdict::Ambiguous, false)];
+        let warnings = told(&[of(1, Verdict::Reference, false), first, unnamed]);
+        assert_eq!(warnings.len(), 2);
+        assert!(warnings[0].starts_with("car: the pose of the template of block_01"), "{warnings:?}");
+        assert!(
+            warnings[0].contains("1.0 % less likely") && warnings[1].starts_with("object: the pose"),
+            "{warnings:?}"
+        );
+        let others =
+            [of(2, Verdict::Ambiguous, true), of(3, Verdict::Symmetric, false), of(1, Verdict::Accepted, false)];
+        assert!(told(&others).is_empty());
+    }
 }

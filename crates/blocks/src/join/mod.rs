@@ -60,6 +60,8 @@ pub struct BlockReport {
     pub name: String,
     /// Number of its objects in the joined scene.
     pub instances: usize,
+    /// Number of its objects too far beyond its cell, which were left out.
+    pub beyond: usize,
     /// Number of its background Gaussians in the joined scene.
     pub background: usize,
     /// Number of its background Gaussians outside of its cell, which were left out.

@@ -34,7 +34,9 @@ pub(super) struct KeptObject {
     pub blocks: Vec<usize>,
 }
 
-/// The objects of all blocks whose centres lie in their block's cell or its margin, by block and instance.
+/// The objects of all blocks whose centres lie in their block's cell or its margin, by block and instance. Those that may be the
+/// same object as one in the cell count, too: without a margin, two blocks may each see the centre of an object on the cut in the
+/// other's cell.
 pub(super) fn candidates(plan: &Plan, scenes: &[InstancedScene]) -> Vec<BlockObject> {
     let mut out = Vec::new();
     for (block, (scene, planned)) in scenes.iter().zip(&plan.blocks).enumerate() {
@@ -42,8 +44,9 @@ pub(super) fn candidates(plan: &Plan, scenes: &[InstancedScene]) -> Vec<BlockObj
         for instance in 0..scene.instances.len() {
             let (centre, radius) = middle(&scene.flatten_one(instance));
             let at = plan.ground.flat(centre);
-            if grown.owns(at) {
-                out.push(BlockObject { block, instance, centre, radius, depth: planned.cell.depth(at) });
+            let depth = planned.cell.depth(at);
+            if grown.owns(at) || depth >= -SAME_PLACE * radius {
+                out.push(BlockObject { block, instance, centre, radius, depth });
             }
         }
     }
@@ -82,6 +85,11 @@ pub(super) fn each_once(found: &[BlockObject]) -> Vec<KeptObject> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::{Cell, Ground};
+    use crate::plan::Block;
+    use glam::DMat3;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::{Instance, SourceRange};
 
     fn object(block: usize, instance: usize, x: f64, depth: f64) -> BlockObject {
         BlockObject { block, instance, centre: DVec3::X * x, radius: 1.0, depth }
@@ -104,6 +112,51 @@ mod tests {
         assert_eq!(objects, [0, 2, 3, 4, 5]);
         assert_eq!(kept[1].blocks, [1, 0]);
         assert_eq!(kept[0].blocks, [0]);
+    }
+
+    /// Without a margin both blocks see an object on the cut with its centre just beyond their own cell.
+    #[test]
+    fn an_object_on_a_cut_without_margin_stays_once() {
+        let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
+        let block = |cell| Block {
+            name: "b".into(),
+            cell,
+            margin: [0.0; 2],
+            train_views: 2,
+            test_views: 0,
+            points: 1,
+            far_points: 0,
+        };
+        let plan = Plan::new("/data".into(), ground, Cell::default().cut(0, 0.0).map(block).to_vec());
+        // Two Gaussians a unit to the left and right of the centre: the radius is 1.
+        let scene = |centres: &[f64]| {
+            let mut templates = Gaussians::with_capacity(0, 2);
+            for x in [-1.0, 1.0] {
+                templates.means.push([x, 0.0, 0.0]);
+                templates.quats.push([1.0, 0.0, 0.0, 0.0]);
+                templates.log_scales.push([-3.0; 3]);
+                templates.opacity_logits.push(2.0);
+                templates.sh.push([0.0; 3]);
+            }
+            let instance = |&x: &f64| Instance {
+                template: 0,
+                world_from_template: Similarity::from_parts(DMat3::IDENTITY, 1.0, DVec3::X * x),
+                first_offset: None,
+            };
+            InstancedScene {
+                templates,
+                template_ranges: vec![SourceRange { first: 0, count: 2 }],
+                instances: centres.iter().map(instance).collect(),
+                ..InstancedScene::default()
+            }
+        };
+        let found = candidates(&plan, &[scene(&[0.1, 2.0, -5.0]), scene(&[-0.1, 5.0])]);
+        let at: Vec<(usize, usize)> = found.iter().map(|object| (object.block, object.instance)).collect();
+        // That at 2 is far beyond the cell of its block.
+        assert_eq!(at, [(0, 0), (0, 2), (1, 0), (1, 1)]);
+        let kept = each_once(&found);
+        let on_the_cut: Vec<&KeptObject> = kept.iter().filter(|one| one.blocks.len() == 2).collect();
+        assert_eq!((kept.len(), on_the_cut.len()), (3, 1));
     }
 
     #[test]

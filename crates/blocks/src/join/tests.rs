@@ -4,6 +4,7 @@ use glam::{DMat3, DVec3};
 use instgs_samples::ring;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::lod::merged_levels;
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 
 use super::*;
@@ -107,19 +108,24 @@ fn surface_at(x: f64) -> Gaussians {
 #[test]
 fn blocks_of_a_row_become_one_row() {
     let turned = Similarity::from_parts(DMat3::from_rotation_z(1.1), 1.0, DVec3::new(0.2, -0.3, 0.5));
-    let first = block(object(1), Similarity::IDENTITY, &[-6.0, -3.0, -0.4, 0.5], floor());
+    let mut first = block(object(1), Similarity::IDENTITY, &[-6.0, -3.0, -0.4, 0.5], floor());
+    first.fitted_levels = merged_levels(&first.templates);
     let mut background = floor();
     let floor_len = background.len();
     background.append(&surface_at(0.5));
-    let second = block(object(2), turned, &[-0.4, 3.2, 6.0], background);
-    let (plan, scenes, cameras) = (plan(), [first, second], ring(DVec3::Z));
+    // One more is known to the block on whose ground it is, and too far away for this one.
+    let mut second = block(object(2), turned, &[-0.4, 3.2, 6.0, -3.0], background);
+    second.fitted_levels = merged_levels(&second.templates);
+    let (plan, mut scenes, cameras) = (plan(), [first, second], ring(DVec3::Z));
     let input = JoinInput { plan: &plan, scenes: &scenes, cameras: &cameras, gpu: None };
     let Joined { scene, report } = join(&input).unwrap();
     assert_eq!((scene.template_ranges.len(), scene.instances.len(), report.duplicates), (1, 6, 1), "{report:?}");
     assert_eq!((report.templates[0].templates, report.templates[0].block.as_str()), (2, "block_00"));
     assert_eq!(scene.groups[0].instance_ids, [1, 2, 3, 4, 5, 6]);
-    // Block 0's own stay as they are, to the bit.
+    // Block 0's own stay as they are, to the bit, and so do the levels of its template.
     assert_eq!(scene.templates, scenes[0].templates);
+    assert!(!scene.fitted_levels.is_empty() && scene.fitted_levels == scenes[0].fitted_levels);
+    assert_eq!([report.blocks[0].beyond, report.blocks[1].beyond], [0, 1]);
     let records = 4 * POINTS;
     assert_eq!(scene.instances[..4], scenes[0].instances[..]);
     assert_eq!(scene.offsets.sh_dc[..records], scenes[0].offsets.sh_dc[..]);
@@ -146,6 +152,15 @@ fn blocks_of_a_row_become_one_row() {
     let above = scene.background.means.iter().filter(|mean| mean[2] > 0.1).count();
     assert!(above < POINTS / 20, "{above} Gaussians of the object are left");
     assert!(report.warnings.is_empty(), "{:?}", report.warnings);
+    // Of the template that goes the levels go, too, and where the other has none they are missed.
+    scenes[0].fitted_levels.clear();
+    let Joined { scene, report } =
+        join(&JoinInput { plan: &plan, scenes: &scenes, cameras: &cameras, gpu: None }).unwrap();
+    assert!(scene.fitted_levels.is_empty());
+    assert!(
+        matches!(&report.warnings[..], [one] if one.contains("levels of detail of block_01's template")),
+        "{report:?}"
+    );
 }
 
 /// Without objects, joining is taking each block's part of the ground.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::unfinished::marked;
 use crate::progress_lines::LabelLines;
 use instgs_console::args::open_scene;
 use instgs_console::device::{self, DeviceArgs};
@@ -20,14 +21,21 @@ use instgs_vk::scene::InstancedScene;
 #[command(next_help_heading = "With --boxes")]
 pub(super) struct BoxArgs {
     /// The trained scene: .ply, .spz, .sog, .splat, .glb or .instgs
-    #[arg(long, value_name = "PLY", requires = "boxes")]
+    #[arg(long, value_name = "PLY", conflicts_with_all = ["prompt", "masks"])]
     scene: Option<PathBuf>,
     /// Keep the ground or support that an object stands on, where a box contains some of it
-    #[arg(long, requires = "boxes")]
+    #[arg(long, conflicts_with_all = ["prompt", "masks"])]
     keep_support: bool,
-    /// Width at which boxes in photos are rendered, that of the scene's training [default: the photos' own]
-    #[arg(long, value_name = "W", requires = "boxes")]
+    /// Width at which boxes in photos are rendered, that of the scene's training; 0 = the photos' own [default: 0]
+    #[arg(long, value_name = "W", conflicts_with_all = ["prompt", "masks"])]
     width: Option<u32>,
+}
+
+impl BoxArgs {
+    fn options(&self, render: RenderOptions) -> BoxOptions {
+        let width = self.width.filter(|&width| width > 0);
+        BoxOptions { leave_out_support: !self.keep_support, width, render, ..BoxOptions::default() }
+    }
 }
 
 /// Writes the masks of all views into the folder `out`.
@@ -50,13 +58,11 @@ pub(super) fn make(
         return Err(error.advise("a view has the name of its photo, with or without the ending").into());
     }
     let scene = open_scene(scene, printer)?.scene;
-    let render = RenderOptions::of(&scene);
+    let options = args.options(RenderOptions::of(&scene));
     let cloud = InstancedScene::from_cloud(scene.flatten());
-    let options =
-        BoxOptions { leave_out_support: !args.keep_support, width: args.width, render, ..BoxOptions::default() };
     let gpu = device::open(device_args.choice())?;
     let mut lines = LabelLines::new(printer);
-    let report = write_masks_from_boxes(&gpu, &cloud, views, &boxes, &options, out, &mut lines);
+    let report = marked(out, || Ok(write_masks_from_boxes(&gpu, &cloud, views, &boxes, &options, out, &mut lines)?));
     drop(lines);
     let report = report?;
     device::check_validation(&gpu)?;
@@ -78,4 +84,15 @@ pub(super) fn print(report: &BoxReport, printer: &Printer) {
         ]);
     }
     printer.line(table);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_width_of_0_is_that_of_the_photos() {
+        let width = |width| BoxArgs { scene: None, keep_support: false, width }.options(RenderOptions::default()).width;
+        assert_eq!([None, Some(0), Some(400)].map(width), [None, None, Some(400)]);
+    }
 }

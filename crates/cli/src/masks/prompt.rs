@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 
+use super::unfinished::marked;
 use crate::progress_lines::{NamingLines, warn_of_names};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
@@ -17,22 +18,22 @@ use instgs_objects::pipeline::PipelineError;
 #[command(next_help_heading = "With --prompt")]
 pub(super) struct PromptArgs {
     /// Folder of the models: models.json and the files it names; see tools/models/README.md
-    #[arg(long, value_name = "DIR", requires = "prompt")]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["boxes", "masks"])]
     models: Option<PathBuf>,
     /// A box counts if the score of its best token is above this [default: 0.25]
-    #[arg(long, value_name = "P", requires = "prompt")]
+    #[arg(long, value_name = "P", conflicts_with_all = ["boxes", "masks"])]
     box_threshold: Option<f64>,
     /// A box belongs to a phrase if the score of one of the phrase's tokens is above this [default: 0.25]
-    #[arg(long, value_name = "P", requires = "prompt")]
+    #[arg(long, value_name = "P", conflicts_with_all = ["boxes", "masks"])]
     text_threshold: Option<f64>,
     /// Of two boxes of one phrase, or two masks, that overlap by more, the lower score is dropped [default: 0.8]
-    #[arg(long, value_name = "IOU", requires = "prompt")]
+    #[arg(long, value_name = "IOU", conflicts_with_all = ["boxes", "masks"])]
     overlap: Option<f64>,
     /// ONNX Runtime's library [default: ORT_DYLIB_PATH, the one made by tools/setup_onnxruntime, or the system's]
-    #[arg(long, value_name = "FILE", requires = "prompt")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["boxes", "masks"])]
     runtime: Option<PathBuf>,
     /// Device of the models: cpu, or, if the library supports it, cuda, tensorrt, rocm, coreml, directml [default: cpu]
-    #[arg(long, value_name = "NAME", requires = "prompt")]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["boxes", "masks"])]
     provider: Option<Provider>,
 }
 
@@ -76,9 +77,12 @@ pub(super) fn make(
     let views: Vec<&View> = views.iter().collect();
     let mut lines = NamingLines::new(printer);
     let mut done = |name: &str, found: &ViewMasks| lines.at(name, found, views.len());
-    let found = instgs_detect::masks_from_prompt(&views, &prompt, models, &args.options(), out, &mut done);
+    let found = marked(out, || {
+        let found = instgs_detect::masks_from_prompt(&views, &prompt, models, &args.options(), out, &mut done);
+        Ok(found.map_err(PipelineError::from)?)
+    });
     drop(lines);
-    let found = found.map_err(PipelineError::from)?;
+    let found = found?;
     Ok(Report { prompt: prompt.text(), found, seconds: started.elapsed().as_secs_f64() })
 }
 

@@ -18,8 +18,6 @@ use super::sample::{FEW_GAUSSIANS, ObjectSurface};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Camera, Gaussians, PosedGroup, up_direction};
 
-/// References tried in a category before the remaining objects count as unlike one another.
-const MOST_REFERENCES: usize = 12;
 /// Objects larger than usual in their category by more than this factor are tried last as references: a mask that holds
 /// two objects makes a large one, and every object would fit a half of it.
 const OVERSIZE: f64 = 1.4;
@@ -126,7 +124,7 @@ impl Run<'_> {
         // For each object, the best attempt so far.
         let mut reasons: BTreeMap<u32, Unlike> = BTreeMap::new();
         let mut tried = 0;
-        let most = if name.is_some() { MOST_REFERENCES } else { open.len() };
+        let most = if name.is_some() { self.options.most_references } else { open.len() };
         while open.len() > 1 && tried < most {
             let reference = open.remove(0);
             let (mut members, mut left) = (Vec::new(), Vec::new());
@@ -210,6 +208,54 @@ impl Run<'_> {
         let instances = reports((template_id, name), reference, &members, &uncertainties);
         self.out.groups.push(posed_group((template_id, name), reference, &members));
         self.out.instances.extend(instances);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec3};
+    use instgs_vk::math::rng::Rng;
+
+    /// Adds an object of two boxes, as a chair has a seat and a back, of so many Gaussians; its size and place are scene units.
+    fn push(cloud: &mut Gaussians, labels: &mut Vec<u32>, id: u32, count: usize, world_from_object: Similarity) {
+        let boxes = [
+            (DVec3::new(0.0, 0.0, 0.2), DVec3::new(0.6, 0.4, 0.2)),
+            (DVec3::new(-0.5, 0.1, 0.7), DVec3::new(0.1, 0.3, 0.3)),
+        ];
+        let mut rng = Rng::new(u64::from(id));
+        for i in 0..count {
+            let (middle, half) = boxes[i % 2];
+            let mut at = DVec3::new(rng.range(-1.0, 1.0), rng.range(-1.0, 1.0), rng.range(-1.0, 1.0));
+            let axis = (3.0 * rng.uniform()) as usize % 3;
+            at[axis] = if rng.chance(0.5) { 1.0 } else { -1.0 };
+            cloud.means.push(world_from_object.transform_point(middle + at * half).as_vec3().to_array());
+            cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+            cloud.log_scales.push([(0.02 * world_from_object.scale()).ln() as f32; 3]);
+            cloud.opacity_logits.push(3.0);
+            cloud.sh.push([0.3, i as f32 % 2.0, -0.2]);
+            labels.push(id);
+        }
+    }
+
+    /// The first reference is like none of the others, which are alike.
+    #[test]
+    fn as_many_references_are_tried_as_the_options_say() -> Result<(), RegisterError> {
+        let (mut cloud, mut labels) = (Gaussians::with_capacity(0, 0), Vec::new());
+        for (id, count, scale) in [(1, 900, 0.1), (2, 600, 1.0), (3, 600, 1.0)] {
+            let place = DVec3::X * (4.0 * f64::from(id));
+            push(&mut cloud, &mut labels, id, count, Similarity::from_parts(DMat3::IDENTITY, scale, place));
+        }
+        let categories: BTreeMap<u32, String> = (1..=3).map(|id| (id, "chair".to_owned())).collect();
+        let input =
+            RegisterInput { cloud: &cloud, instance_of_gaussian: &labels, categories: &categories, cameras: &[] };
+        let groups = |most_references| {
+            let options = RegisterOptions { most_references, ..RegisterOptions::default() };
+            register(&input, None, &options).map(|found| found.groups.len())
+        };
+        assert_eq!((groups(1)?, groups(2)?), (0, 1));
+        assert!(groups(0).is_err_and(|error| error.to_string().contains("most_references")));
         Ok(())
     }
 }

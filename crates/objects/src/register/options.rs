@@ -24,6 +24,9 @@ pub struct RegisterOptions {
     pub min_margin: f64,
     /// Least part of an object's surface that must agree with the reference.
     pub min_inliers: f64,
+    /// Objects of a name that are tried as references of a group, one after the other, before those that are left count as unlike
+    /// one another; 1 or more. Of objects without a name all are tried.
+    pub most_references: usize,
     /// Seed of all random draws.
     pub seed: u64,
 }
@@ -40,6 +43,7 @@ impl Default for RegisterOptions {
             near_tie: 1.25,
             min_margin: 0.03,
             min_inliers: 0.5,
+            most_references: 12,
             seed: 0,
         }
     }
@@ -56,6 +60,7 @@ impl RegisterOptions {
             // More voxels are finer than any Gaussian, and their keys would overflow.
             ("voxels_per_size", self.voxels_per_size, (4.0..=1000.0).contains(&self.voxels_per_size), "from 4 to 1000"),
             ("yaw_starts", self.yaw_starts as f64, (1..=360).contains(&self.yaw_starts), "from 1 to 360"),
+            ("most_references", self.most_references as f64, self.most_references > 0, "1 or more"),
             ("near_tie", self.near_tie, self.near_tie >= 1.0 && self.near_tie.is_finite(), "1 or more"),
             ("min_margin", self.min_margin, part(self.min_margin), "from 0 to below 1"),
             ("min_inliers", self.min_inliers, part(self.min_inliers), "from 0 to below 1"),
