@@ -79,7 +79,8 @@ fn only_gpu_and_the_players_window_speak_vulkan() {
         let relative = path.strip_prefix(repository()).unwrap().to_string_lossy().into_owned();
         let allowed = ["src/gpu", "crates/player/src/swapchain.rs", "crates/player/src/ui_painter.rs"];
         if !allowed.iter().any(|place| relative.starts_with(place)) {
-            let text = read(&path);
+            // The standard library has a module `hash`.
+            let text = read(&path).replace("std::hash::", "");
             assert!(!text.contains("ash::") && !text.contains("gpu_allocator"), "{relative}");
         }
     }

@@ -189,7 +189,7 @@ fn missing_and_broken_files_exit_with_1_and_one_line_that_names_them() {
 fn cameras_of_one_name_are_refused() {
     let (_folder, at) = folder();
     let camera = |name| Camera::look_at(name, DVec3::NEG_Z, DVec3::ZERO, DVec3::NEG_Y, 1.0, (8, 8));
-    write_cameras(&at("same.json"), &[camera("a.png"), camera("a")]).unwrap();
+    write_cameras(&at("same.json"), &[camera("a.png"), camera("a.png")]).unwrap();
     let mut command = program();
     command.args(["render", "--scene"]).arg(at("three.ply")).arg("--camera").arg(at("same.json"));
     assert!(error_of(command.arg("--out").arg(at("out"))).contains("cameras 0 and 1"));

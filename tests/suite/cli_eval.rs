@@ -140,6 +140,51 @@ fn table_json_file_and_pictures() {
     }
 }
 
+/// Masks of pixels count as in training: those of the flag, or of the run that the scene lies in.
+#[test]
+fn masks_of_pixels_are_those_of_the_run() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    // One test photo is masked wholly; of the other the left half, which shows something else.
+    let masks = at.join("masks of people");
+    fs::create_dir(&masks).unwrap();
+    let (width, height) = SIZE;
+    image::GrayImage::new(width, height).save(masks.join("v0.png")).unwrap();
+    let half = |x: u32, _| image::Luma([if x < width / 2 { 0 } else { 255 }]);
+    image::GrayImage::from_fn(width, height, half).save(masks.join("v8.png")).unwrap();
+    let path = at.join("data/images/v8.png");
+    let mut photo = image::open(&path).unwrap().to_rgb8();
+    photo.enumerate_pixels_mut().filter(|(x, ..)| *x < width / 2).for_each(|(.., pixel)| pixel.0 = [255; 3]);
+    photo.save(&path).unwrap();
+    let run = at.join("run");
+    fs::create_dir(&run).unwrap();
+    fs::copy(at.join("scene.ply"), run.join("scene.ply")).unwrap();
+
+    let flag = ["--pixel-masks", masks.to_str().unwrap()];
+    let (masked, told) = report_of(&mut eval(&at, "scene.ply", &flag));
+    assert_eq!(names(&masked), ["v8"]);
+    assert!(mean(&masked, "psnr") > 50.0, "{masked}");
+    assert!(told.contains("v0.png: its mask leaves nothing to compare") && told.contains("7 of 9 photos"), "{told}");
+    let (whole, _) = report_of(&mut eval(&at, "run/scene.ply", &[]));
+    assert_eq!(names(&whole), TEST_VIEWS);
+    assert!(whole["views"][1]["psnr"].as_f64().unwrap() < 15.0, "{whole}");
+
+    fs::write(run.join("config.toml"), format!("pixel_masks = {:?}\n", masks.to_str().unwrap())).unwrap();
+    let (as_trained, told) = report_of(&mut eval(&at, "run/scene.ply", &[]));
+    assert_eq!(as_trained, masked);
+    assert!(told.contains("masks of people") && told.contains("--no-pixel-masks"), "{told}");
+    assert_eq!(report_of(&mut eval(&at, "run/scene.ply", &["--no-pixel-masks"])).0, whole);
+    // The masks of another data set, or of none.
+    fs::rename(&masks, at.join("elsewhere")).unwrap();
+    let (without, told) = report_of(&mut eval(&at, "run/scene.ply", &[]));
+    assert_eq!(without, whole);
+    assert!(told.contains("masks of people") && told.contains("are not used"), "{told}");
+    let error = error_of(&mut eval(&at, "scene.ply", &flag));
+    assert!(error.contains("masks of people"), "{error}");
+}
+
 #[test]
 fn pixels_a_photo_does_not_cover_show_the_background() {
     if skips_gpu() {

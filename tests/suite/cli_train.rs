@@ -58,9 +58,16 @@ fn smoke_training_reaches_its_floor() {
     let psnr = report["eval"]["psnr"].as_f64().unwrap();
     println!("smoke: {psnr:.2} dB");
     assert!(psnr > FLOOR_DB, "{psnr:.2} dB");
-    for file in
-        ["config.toml", "scene.instgs", "point_cloud.ply", "events.jsonl", "report.html", "checkpoints", "renders"]
-    {
+    for file in [
+        "config.toml",
+        "cameras.json",
+        "scene.instgs",
+        "point_cloud.ply",
+        "events.jsonl",
+        "report.html",
+        "checkpoints",
+        "renders",
+    ] {
         assert!(at.join("run").join(file).exists(), "{file}");
     }
     assert_eq!(report["steps"], 150);

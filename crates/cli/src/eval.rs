@@ -1,9 +1,11 @@
 //! `instgs-vk eval`: compares renderings of a scene with a data set's photos.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::export::config_beside;
 use super::lpips_args::LpipsArgs;
 use super::picture_files;
 use instgs_console::args::{HostMemoryArgs, JsonArgs, LookArgs, MemoryArgs, SplitArg, create_folder};
@@ -14,6 +16,8 @@ use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_eval::{EvalReport, Extras, Metrics, PicturePair, SceneOfViews, evaluate};
 use instgs_io::dataset::{MissingPhotos, leave_out_missing};
 use instgs_io::picture_png::write_png;
+use instgs_io::{IoError, View, read_views};
+use instgs_train::{leave_out_masked, put_pixel_masks};
 use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
@@ -26,6 +30,10 @@ const DIFFERENCE_GAIN: f32 = 4.0;
 /// Rendered pictures are clamped to 0..1 but not rounded to 8 bits. PSNR is in dB, over all channels, at most 100. SSIM
 /// has an 11x11 Gaussian window of sigma 1.5, zero padding, and is the mean over all pixels and channels. Pixels where
 /// a photo is not valid are left out of PSNR; for the other two they count as equal. The last row is the mean of the views.
+/// Views that masks cover wholly are left out, with a warning.
+///
+/// The report.json of a run has the same figures, at the same --width and --background: a scene in the folder of its run is
+/// compared within the masks of pixels that it was trained with, and without those where the views of --data have none of them.
 ///
 /// LPIPS (0.1) needs trained weights, which are not part of this program: tools/models/convert_lpips.py makes them.
 /// Without them LPIPS is not computed (null in JSON).
@@ -37,6 +45,7 @@ const DIFFERENCE_GAIN: f32 = 4.0;
     instgs-vk eval --scene room.instgs --data room\n  \
     instgs-vk eval --scene room.ply --data room --split all --width 320 --json report.json --out pictures\n  \
     instgs-vk eval --scene facade.ply --data facade --exposures\n  \
+    instgs-vk eval --scene street.ply --data street --pixel-masks street/people\n  \
     instgs-vk eval --scene city.instgs --data city --host-memory-mb 1000\n  \
     python3 tools/models/convert_lpips.py --net vgg --out vgg.safetensors\n  \
     instgs-vk eval --scene room.instgs --data room --lpips-net vgg --lpips-weights vgg.safetensors")]
@@ -59,6 +68,13 @@ pub(super) struct EvalArgs {
     /// Leave out views without a photo, however many they are; up to half of them always are
     #[arg(long)]
     skip_missing: bool,
+    /// Folder of masks of the pixels that count, named like the photos: black ones are not compared [default: that of the run in
+    /// whose folder the scene lies, if there is one]
+    #[arg(long, value_name = "DIR")]
+    pixel_masks: Option<PathBuf>,
+    /// Compare all pixels that the data set itself does not mask, although the scene's run was trained with masks of pixels
+    #[arg(long, conflicts_with = "pixel_masks")]
+    no_pixel_masks: bool,
     /// Also PSNR up to the photo's exposure: the affine map of colours that fits one half best is applied to the other
     #[arg(long)]
     exposures: bool,
@@ -104,16 +120,87 @@ impl SceneOfViews<CliError> for &mut Followed {
     }
 }
 
-pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let opened = OpenedScene::open_to_measure(&args.scene, args.host_memory.of_scenes(), printer)?;
+/// The pictures of `--out`, a file for each view.
+struct Pictures {
+    files: Vec<PathBuf>,
+}
+
+impl Pictures {
+    /// Makes the folder, and chooses the names of its files.
+    fn new(folder: &Path, views: &[View]) -> Result<Self, CliError> {
+        let cameras: Vec<_> = views.iter().map(|view| view.camera.clone()).collect();
+        let names = picture_files::names(&cameras)?;
+        create_folder(folder)?;
+        Ok(Self { files: names.iter().map(|name| folder.join(format!("{name}.png"))).collect() })
+    }
+}
+
+/// The views of the split that have a photo, and pixels that count.
+fn views_to_compare(args: &EvalArgs, printer: &Printer) -> Result<Vec<View>, CliError> {
     let mut views = args.split.views(&args.data, printer)?;
-    let weights = args.lpips.weights();
-    let lpips = weights.as_ref().ok().map(|path| args.lpips.load(path)).transpose()?;
     let may_be_missing = if args.skip_missing { MissingPhotos::Skip } else { MissingPhotos::Few };
     leave_out_missing(&mut views, may_be_missing)?.iter().for_each(|note| printer.warning(note));
-    let cameras: Vec<_> = views.iter().map(|v| v.camera.clone()).collect();
-    let file_names = picture_files::names(&cameras)?;
-    args.out.as_deref().map(create_folder).transpose()?;
+    if let Some(folder) = &args.pixel_masks {
+        mask(&mut views, &args.data, folder)?.iter().for_each(|note| printer.warning(note));
+    } else if !args.no_pixel_masks {
+        mask_as_trained(&mut views, args, printer);
+    }
+    // Photos are decoded for this, so only where there are masks.
+    if views.iter().any(|view| view.mask_path.is_some()) {
+        let mut progress = printer.progress("photos", views.len() as u64);
+        let masked = leave_out_masked(&mut views, args.width, &mut || {
+            progress.step("read");
+            Ok(())
+        })?;
+        drop(progress);
+        masked.iter().for_each(|note| printer.warning(note));
+    }
+    Ok(views)
+}
+
+/// Gives views of a data set the masks of a folder, as training does: its photos are taken together, since those of one split
+/// may have none. Returns a note about photos without a mask.
+fn mask(views: &mut [View], data: &Path, folder: &Path) -> Result<Option<String>, IoError> {
+    let mut all = read_views(data)?.views;
+    let note = put_pixel_masks(&mut all, folder)?;
+    let masks: BTreeMap<PathBuf, Option<PathBuf>> =
+        all.into_iter().map(|view| (view.image_path, view.mask_path)).collect();
+    for view in views {
+        view.mask_path = masks.get(&view.image_path).cloned().flatten();
+    }
+    Ok(note)
+}
+
+/// Gives views the masks that the run in whose folder the scene lies was trained and judged with, if it was with any. Masks that
+/// do not fit are of another data set.
+fn mask_as_trained(views: &mut [View], args: &EvalArgs, printer: &Printer) {
+    let config = config_beside(&args.scene).unwrap_or_else(|error| {
+        printer.warning(format_args!("{error}: masks of pixels that the run may have been trained with are not used"));
+        None
+    });
+    let Some(folder) = config.and_then(|config| config.pixel_masks) else { return };
+    let scene = args.scene.display();
+    match mask(views, &args.data, &folder) {
+        Ok(note) => {
+            printer.warning(format_args!(
+                "{scene}: pixels that are black in the masks of its run ({}) are not compared, as in the run's report; \
+                 --no-pixel-masks compares all",
+                folder.display()
+            ));
+            note.iter().for_each(|note| printer.warning(note));
+        }
+        Err(error) => printer.warning(format_args!(
+            "{error}: the masks of the run that {scene} lies in are not used, so its report may have other figures"
+        )),
+    }
+}
+
+pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let opened = OpenedScene::open_to_measure(&args.scene, args.host_memory.of_scenes(), printer)?;
+    let weights = args.lpips.weights();
+    let lpips = weights.as_ref().ok().map(|path| args.lpips.load(path)).transpose()?;
+    let views = views_to_compare(args, printer)?;
+    let pictures = args.out.as_deref().map(|folder| Pictures::new(folder, &views)).transpose()?;
     let options = args.memory.apply(args.look.options(opened.scene()));
     let place = args.scene.display();
     let gpu = device::open(device_args.choice())?;
@@ -125,12 +212,10 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let mut scene = Followed { scene, place: place.to_string(), views: CoarserViews::default() };
     let mut progress = printer.progress("eval", views.len() as u64);
     let extras = Extras { lpips: lpips.as_ref(), exposures: args.exposures };
-    let (mut visible, mut names) = (0, file_names.iter());
+    let (mut visible, mut files) = (0, pictures.iter().flat_map(|pictures| &pictures.files));
     let report = evaluate::<CliError>(&mut renderer, &mut scene, &views, args.width, &options, extras, |view| {
         visible += view.visible;
-        if let (Some(folder), Some(name)) = (&args.out, names.next()) {
-            write_picture(&folder.join(format!("{name}.png")), view.pair)?;
-        }
+        files.next().map(|file| write_picture(file, view.pair)).transpose()?;
         progress.step(format_args!("{} {:.2} dB", view.name, view.metrics.psnr));
         Ok(())
     })?;

@@ -15,7 +15,7 @@ use instgs_io::{
     write_scene_file_in_pages,
 };
 use instgs_objects::pipeline::config::ConfigBuilder;
-use instgs_train::config::TrainConfig;
+use instgs_train::config::{ConfigError, TrainConfig};
 use instgs_train::{FinishJob, USUAL_PICTURE_PSNR_DB, finish, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{InstancedScene, NearPlane};
@@ -131,7 +131,7 @@ fn planned(
     drop(progress);
     let picture_psnr_db = args.picture_psnr;
     let plan = if args.finish > 0 {
-        let config = config_beside(&args.scene, printer);
+        let config = config_or_default(&args.scene, printer);
         let mut progress = printer.progress("steps", args.finish);
         let (to, config) = (&args.to, &config);
         let job = FinishJob { scene, sensitivity, picture_psnr_db, data, config, to, steps: args.finish };
@@ -148,19 +148,26 @@ fn planned(
 
 /// The configuration of the run that a scene lies in: how its training took the photos. The default if there is none, or, with a
 /// warning, none that can be read.
-fn config_beside(scene: &Path, printer: &Printer) -> TrainConfig {
+fn config_or_default(scene: &Path, printer: &Printer) -> TrainConfig {
+    config_beside(scene)
+        .unwrap_or_else(|error| {
+            printer.warning(format_args!("{error}: photos are taken whole, and black stands behind all splats"));
+            None
+        })
+        .unwrap_or_default()
+}
+
+/// The configuration of the run that a scene lies in; `None` if it lies in none.
+///
+/// # Errors
+/// The run's configuration cannot be read.
+pub(super) fn config_beside(scene: &Path) -> Result<Option<TrainConfig>, ConfigError> {
     let file = RunFolder::new(scene.parent().unwrap_or(Path::new("."))).config();
     if !file.is_file() {
-        return TrainConfig::default();
+        return Ok(None);
     }
-    let config = ConfigBuilder::new().run_file(&file).and_then(ConfigBuilder::finish);
-    config.map_or_else(
-        |error| {
-            printer.warning(format_args!("{error}: photos are taken whole, and black stands behind all splats"));
-            TrainConfig::default()
-        },
-        |config| config.train,
-    )
+    let config = ConfigBuilder::new().run_file(&file).and_then(ConfigBuilder::finish)?;
+    Ok(Some(config.train))
 }
 
 /// Writes the scene in the format and returns how many Gaussians the file holds.

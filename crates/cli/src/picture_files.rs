@@ -16,7 +16,7 @@ use instgs_vk::scene::Camera;
 pub(super) enum Format {
     /// 8 bits per channel, sRGB
     Png,
-    /// 32-bit float rgb over the background, alpha = 1 - transmittance
+    /// 32-bit float sRGB over the background, alpha = 1 - transmittance
     Ktx2,
 }
 
@@ -51,12 +51,18 @@ pub(super) fn write(
 }
 
 /// The file name for each camera: its name without an image's extension, with folders joined by `_`, or its index if it
-/// has no name. Two cameras with the same file name are an error.
+/// has no name. Cameras that would share a name keep the extension: `d.png` and `d.jpg` are two photos. Two cameras with the same
+/// file name all the same are an error.
 pub(super) fn names(cameras: &[Camera]) -> Result<Vec<String>, CliError> {
+    let mut uses = BTreeMap::new();
+    for (i, camera) in cameras.iter().enumerate() {
+        *uses.entry(file_name(stem(&camera.name), i)).or_insert(0) += 1;
+    }
     let mut taken = BTreeMap::new();
     let mut names = Vec::with_capacity(cameras.len());
     for (i, camera) in cameras.iter().enumerate() {
-        let name = file_name(&camera.name, i);
+        let short = file_name(stem(&camera.name), i);
+        let name = if uses[&short] > 1 { file_name(&camera.name, i) } else { short };
         // Depth is written to NAME.depth.ktx2, which must not be the colour file of another camera.
         let depth_clash = taken.insert(format!("{name}.depth"), i).filter(|&first| first != i);
         if let Some(first) = taken.insert(name.clone(), i).or(depth_clash) {
@@ -68,14 +74,19 @@ pub(super) fn names(cameras: &[Camera]) -> Result<Vec<String>, CliError> {
     Ok(names)
 }
 
-fn file_name(name: &str, index: usize) -> String {
+/// A view's name without the extension of an image.
+fn stem(name: &str) -> &str {
     let ending = Path::new(name).extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    let stem = match ending {
+    match ending {
         Some(ending) if IMAGE_ENDINGS.contains(&ending.as_str()) => &name[..name.len() - ending.len() - 1],
         _ => name,
-    };
+    }
+}
+
+/// A name that every file system takes.
+fn file_name(name: &str, index: usize) -> String {
     let safe: String =
-        stem.chars().map(|c| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c }).collect();
+        name.chars().map(|c| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c }).collect();
     if safe.is_empty() { format!("{index:03}") } else { safe }
 }
 
@@ -86,7 +97,7 @@ mod tests {
 
     #[test]
     fn names_lose_image_endings_and_folders_only() {
-        let name = |n: &str| file_name(n, 7);
+        let name = |n: &str| file_name(stem(n), 7);
         assert_eq!(name("a.JPG"), "a");
         assert_eq!(name("left/0001.png"), "left_0001");
         assert_eq!(name("../x"), ".._x");
@@ -96,6 +107,19 @@ mod tests {
         assert!(names(&[camera("a"), camera("b")]).is_ok());
         assert!(names(&[camera("a.depth"), camera("a")]).is_err());
         assert!(names(&[camera("a"), camera("a.depth")]).is_err());
-        assert!(names(&[camera("a.png"), camera("a.jpg")]).is_err_and(|e| e.to_string().contains("cameras 0 and 1")));
+        assert!(names(&[camera("a.png"), camera("a.png")]).is_err_and(|e| e.to_string().contains("cameras 0 and 1")));
+    }
+
+    /// Two photos may differ in their extension alone; others are named as before.
+    #[test]
+    fn what_would_be_one_file_keeps_its_extension() -> Result<(), CliError> {
+        let camera = |n: &&str| Camera::look_at(n, DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, (4, 4));
+        let of = |all: &[&str]| names(&all.iter().map(camera).collect::<Vec<_>>());
+        assert_eq!(of(&["d.png", "e.png", "d.jpg"])?, ["d.png", "e", "d.jpg"]);
+        assert_eq!(of(&["d", "d.jpg", "x/d.jpg"])?, ["d", "d.jpg", "x_d"]);
+        assert!(of(&["d.png", "d.jpg", "d.png"]).is_err() && of(&["x/d.png", "x_d.png"]).is_err());
+        // The long name of one is the short name of another.
+        assert!(of(&["d.png", "d.jpg", "d.png.jpg"]).is_err());
+        Ok(())
     }
 }

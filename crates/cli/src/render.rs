@@ -14,8 +14,9 @@ use instgs_vk::render::Renderer;
 
 /// Renders a scene from cameras, a dataset's views, or a circle around it.
 ///
-/// Every view becomes OUT/NAME.png (8-bit sRGB) or OUT/NAME.ktx2 (R32G32B32A32_SFLOAT: colour over the background,
-/// alpha = 1 - T). --depth adds OUT/NAME.depth.ktx2 (R32_SFLOAT, expected view depth), with either format.
+/// Every view becomes OUT/NAME.png (8-bit sRGB) or OUT/NAME.ktx2 (R32G32B32A32_SFLOAT: colour over the background, in the photos'
+/// encoding, which is sRGB, and alpha = 1 - T). --depth adds OUT/NAME.depth.ktx2 (R32_SFLOAT, expected view depth), with either
+/// format. NAME is the view's without the ending of an image; d.png and d.jpg keep theirs, as they would be one file.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk render --scene garden.ply --camera cameras.json --out pictures\n  \

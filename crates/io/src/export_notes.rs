@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::page::too_large_note;
 use crate::{ExportFormat, ExportedScene, Pack, SpzLoss};
 use instgs_vk::scene::{InstancedScene, NearPlane, PixelFilter};
 
@@ -31,8 +32,13 @@ impl ExportedScene {
         }
         let (levels, current) = (scene.fitted_levels.len(), scene.current_levels().len());
         match format {
-            ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small) if levels > 0 => notes.push(
+            ExportFormat::Instgs(Pack::Small) if levels > 0 => notes.push(
                 "optimised levels of detail are not part of small files; instgs-vk levels makes them again".into(),
+            ),
+            ExportFormat::Page(_) if levels > 0 => notes.push(
+                "optimised levels of detail are not part of pages, which draw at full detail; the scene that Save scene gives \
+                 back has none, and instgs-vk levels makes them again"
+                    .into(),
             ),
             ExportFormat::Instgs(_) if current < levels => notes.push(format!(
                 "{} of {levels} levels of detail were of templates that are changed now, and are left out; instgs-vk levels \
@@ -40,6 +46,9 @@ impl ExportedScene {
                 levels - current
             )),
             _ => {}
+        }
+        if let ExportFormat::Page(_) = format {
+            notes.extend(too_large_note(scene));
         }
         let unlike = (0..scene.instances.len()).filter(|&k| !scene.looks_like_template(k)).count();
         if format == ExportFormat::SogFolder && unlike > 0 {
@@ -127,6 +136,10 @@ mod tests {
         assert_eq!(notes(&scene, Pack::F16), [""; 0]);
         let small = notes(&scene, Pack::Small);
         assert!(small.len() == 1 && small[0].contains("not part of small files"), "{small:?}");
+        for pack in [Pack::F32, Pack::F16, Pack::Q8, Pack::Small] {
+            let page = ExportedScene::default().notes(Path::new("x"), &scene, ExportFormat::Page(pack));
+            assert!(page.len() == 1 && page[0].contains("not part of pages"), "{page:?}");
+        }
         scene.templates.means[0][0] += 1.0;
         let stale = notes(&scene, Pack::F32);
         assert!(stale.len() == 1 && stale[0].contains("2 of 3 levels of detail were"), "{stale:?}");

@@ -1,5 +1,9 @@
 //! Float images as `.ktx2`: one level, no supercompression, `VK_FORMAT_R32G32B32A32_SFLOAT` or `VK_FORMAT_R32_SFLOAT`.
 //!
+//! Colours are those of the photos, in their encoding (sRGB), and the descriptor says so: KTX 2.0 (revision 4) lets formats that
+//! have no sRGB variant do that, if the alpha is marked as linear. Depth is linear. Colour is blended over the background, so it
+//! is premultiplied only where that is black; the descriptor says that it is not.
+//!
 //! The header, level index and data-format descriptor are written here; reading uses the `ktx2` crate, which thus
 //! checks the writer independently.
 
@@ -15,7 +19,7 @@ pub struct FloatImage {
     pub width: u32,
     /// Height of the image, pixels.
     pub height: u32,
-    /// Number of channels: 4 (RGBA) or 1 (depth).
+    /// Number of channels: 4 (red, green and blue in the photos' encoding, sRGB, and alpha) or 1 (depth).
     pub channels: u32,
     /// `width * height * channels` values, channels innermost.
     pub values: Vec<f32>,
@@ -40,7 +44,7 @@ pub fn write_ktx2(path: &Path, image: &FloatImage) -> Result<(), IoError> {
 pub fn ktx2_bytes(image: &FloatImage, path: &Path) -> Result<Vec<u8>, IoError> {
     let (format, channel_ids): (u32, &[u32]) = match image.channels {
         1 => (VK_FORMAT_R32_SFLOAT, &[0]),
-        4 => (VK_FORMAT_R32G32B32A32_SFLOAT, &[0, 1, 2, 15]),
+        4 => (VK_FORMAT_R32G32B32A32_SFLOAT, &[0, 1, 2, ALPHA]),
         other => return Err(IoError::new(path, format!("cannot write: an image of {other} channels, not 1 or 4"))),
     };
     let values = u64::from(image.width) * u64::from(image.height) * u64::from(image.channels);
@@ -78,27 +82,41 @@ pub fn ktx2_bytes(image: &FloatImage, path: &Path) -> Result<Vec<u8>, IoError> {
     Ok(out)
 }
 
-/// One basic block of the Khronos Data Format 1.3: 32-bit signed float samples, one per channel.
+/// The channel of alpha.
+const ALPHA: u32 = 15;
+
+/// One basic block of the Khronos Data Format 1.3: 32-bit signed float samples, one per channel; sRGB with alpha, linear without.
 fn data_format_descriptor(channel_ids: &[u32]) -> Vec<u8> {
     const VERSION: u32 = 2;
     const MODEL_RGBSDA: u32 = 1;
     const PRIMARIES_BT709: u32 = 1;
     const TRANSFER_LINEAR: u32 = 1;
+    const TRANSFER_SRGB: u32 = 2;
     const FLOAT: u32 = 0x80;
     const SIGNED: u32 = 0x40;
+    /// Alpha is no colour: the transfer function is not for it.
+    const LINEAR: u32 = 0x10;
+    let is_colour = channel_ids.contains(&ALPHA);
+    let transfer = if is_colour { TRANSFER_SRGB } else { TRANSFER_LINEAR };
     let block_bytes = 24 + 16 * channel_ids.len() as u32;
     let mut words = vec![
         4 + block_bytes,
         0, // vendor Khronos, type basic
         VERSION | block_bytes << 16,
-        MODEL_RGBSDA | PRIMARIES_BT709 << 8 | TRANSFER_LINEAR << 16, // flags 0: alpha not premultiplied
-        0,                                                           // texel block of 1x1x1x1
-        4 * channel_ids.len() as u32,                                // bytes of plane 0
+        MODEL_RGBSDA | PRIMARIES_BT709 << 8 | transfer << 16, // flags 0: alpha not premultiplied
+        0,                                                    // texel block of 1x1x1x1
+        4 * channel_ids.len() as u32,                         // bytes of plane 0
         0,
     ];
     for (i, id) in channel_ids.iter().enumerate() {
         let (offset, last_bit) = (32 * i as u32, 31);
-        words.extend([offset | last_bit << 16 | (id | FLOAT | SIGNED) << 24, 0, (-1f32).to_bits(), 1f32.to_bits()]);
+        let linear = if *id == ALPHA { LINEAR } else { 0 };
+        words.extend([
+            offset | last_bit << 16 | (id | FLOAT | SIGNED | linear) << 24,
+            0,
+            (-1f32).to_bits(),
+            1f32.to_bits(),
+        ]);
     }
     words.iter().flat_map(|w| w.to_le_bytes()).collect()
 }
@@ -177,7 +195,8 @@ mod tests {
             let dfd = reader.basic_dfd().ok_or("no descriptor")?;
             assert_eq!(dfd.sample_information.len(), channels as usize);
             assert_eq!(dfd.bytes_planes[0], 4 * channels as u8);
-            assert_eq!(reader.transfer_function(), Some(ktx2::TransferFunction::Linear));
+            let transfer = if channels == 4 { ktx2::TransferFunction::SRGB } else { ktx2::TransferFunction::Linear };
+            assert_eq!(reader.transfer_function(), Some(transfer));
             assert_eq!(reader.is_alpha_premultiplied(), Some(false));
             assert!(reader.writer().is_some_and(|w| w.starts_with("instgs-vk")));
         }
@@ -202,10 +221,13 @@ mod tests {
             assert!(kvd + kvd_bytes <= data && data < kvd + kvd_bytes + 16);
             assert_eq!(bytes.len(), data + data_bytes);
             assert_eq!([u32_at(dfd), u32_at(dfd + 4), u32_at(dfd + 8)], [dfd_bytes, 0, 2 | (dfd_bytes - 4) << 16]);
-            assert_eq!(bytes[dfd + 12..dfd + 16], [1, 1, 1, 0]);
+            // Model, primaries, transfer function (2 = sRGB), flags.
+            assert_eq!(bytes[dfd + 12..dfd + 16], [1, 1, if channels == 1 { 1 } else { 2 }, 0]);
             for (i, id) in [0u8, 1, 2, 15].into_iter().take(channels).enumerate() {
                 let sample = dfd + 28 + 16 * i;
-                assert_eq!(bytes[sample..sample + 4], [32 * i as u8, 0, 31, 0xC0 | id]);
+                // Float, signed, and alpha linear.
+                let kind = if id == 15 { 0xD0 } else { 0xC0 };
+                assert_eq!(bytes[sample..sample + 4], [32 * i as u8, 0, 31, kind | id]);
                 assert_eq!(
                     [u32_at(sample + 4), u32_at(sample + 8), u32_at(sample + 12)],
                     [0, 0xBF80_0000, 0x3F80_0000]

@@ -18,6 +18,11 @@ const FIELD_OF_VIEW = (50 * Math.PI) / 180;
 const ELEVATION = (20 * Math.PI) / 180;
 /** Least angle between the view and the vertical. */
 const LEAST_TILT = 0.02;
+/** A view nearer to the vertical than this has no horizon: what lies at its right is then that of its camera. */
+const NEARLY_VERTICAL = (5 * Math.PI) / 180;
+/** Largest side of a picture, pixels, as `instgs-vk render` has it. */
+const MOST_SIDE = 16384;
+
 export class Camera {
   /**
    * @param {Start} start
@@ -45,7 +50,7 @@ export class Camera {
       const [x, y, z] = camera.view_from_world;
       const eye = [0, 1, 2].map((k) => -(x[k] * x[3] + y[k] * y[3] + z[k] * z[3]));
       this.position = [eye[0], eye[1], eye[2]];
-      this.forward = unit([z[0], z[1], z[2]]);
+      this.look(unit([z[0], z[1], z[2]]), unit([x[0], x[1], x[2]]), NEARLY_VERTICAL);
       const ahead = dot(minus(center, this.position), this.forward);
       this.distance = ahead > this.near ? ahead : distance;
       this.halfTangent = 0.5 * Math.sqrt((camera.width * camera.height) / (camera.fx * camera.fy));
@@ -58,6 +63,23 @@ export class Camera {
     this.forward = times(back, -1);
     this.distance = distance;
     this.halfTangent = 1.2 * Math.tan(0.5 * FIELD_OF_VIEW);
+  }
+
+  /**
+   * Looks along a direction, which becomes one that is not vertical: nearer to that than an angle, it turns about the vertical
+   * until `right` lies at its right.
+   * @param {Vec3} forward unit vector
+   * @param {Vec3} right unit vector across it
+   * @param {number} angle radians
+   */
+  look(forward, right, angle) {
+    this.forward = forward;
+    const sine = lengthOf(cross(forward, this.up));
+    if (sine > Math.sin(angle)) return;
+    const ahead = unit(cross(this.up, minus(right, times(this.up, dot(right, this.up)))));
+    const tilt = Math.max(LEAST_TILT, Math.asin(sine));
+    const upright = Math.sign(dot(forward, this.up)) * Math.cos(tilt);
+    this.forward = plus(times(this.up, upright), times(ahead, Math.sin(tilt)));
   }
 
   /** Right, down and forward, unit vectors in the world; the horizon is level. */
@@ -124,8 +146,7 @@ export class Camera {
     const distance = lengthOf(to);
     if (!(distance > this.near)) return;
     this.distance = distance;
-    this.forward = times(to, 1 / distance);
-    this.turn(0, 0);
+    this.look(times(to, 1 / distance), this.axes().right, LEAST_TILT);
   }
 
   /**
@@ -141,6 +162,33 @@ export class Camera {
     const view_from_world = [row(right), row(down), row(forward), [0, 0, 0, 1]];
     return { name: "page", width, height, fx: focal, fy: focal, cx: width / 2, cy: height / 2, view_from_world };
   }
+}
+
+/**
+ * The camera that a program gives: one, or a list of one or more, whose first counts.
+ * @param {any} given
+ * @returns {CameraFile}
+ */
+export function wholeCamera(given) {
+  const camera = Array.isArray(given) ? given[0] : given;
+  const fail = (/** @type {string} */ what) => new Error(`the camera is not whole: ${what}`);
+  if (typeof camera !== "object" || camera === null) throw fail("it is no object of a camera file");
+  for (const side of ["width", "height"]) {
+    const is = camera[side];
+    if (!(Number.isInteger(is) && is >= 1 && is <= MOST_SIDE)) throw fail(`${side} is no whole number from 1 to ${MOST_SIDE}`);
+  }
+  for (const focal of ["fx", "fy"]) {
+    if (!(Number.isFinite(camera[focal]) && camera[focal] > 0)) throw fail(`${focal} is no number above 0`);
+  }
+  for (const centre of ["cx", "cy"]) if (!Number.isFinite(camera[centre])) throw fail(`${centre} is no number`);
+  const rows = camera.view_from_world;
+  const isRow = (/** @type {any} */ row) => Array.isArray(row) && row.length === 4 && row.every(Number.isFinite);
+  const isMatrix = Array.isArray(rows) && rows.length === 4 && rows.every(isRow);
+  if (!isMatrix) throw fail("view_from_world is no list of 4 rows of 4 numbers");
+  const axes = rows.slice(0, 3);
+  const isRigid = axes.every((a, i) => axes.every((b, j) => Math.abs(dot(a, b) - Number(i === j)) < 1e-3));
+  if (!isRigid) throw fail("view_from_world is no rotation and translation");
+  return camera;
 }
 
 /**

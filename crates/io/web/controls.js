@@ -8,6 +8,12 @@ const TURN_SPEED = 0.006;
 const FLY_SPEED = 0.6;
 const FAST = 4;
 const WHEEL_SPEED = 0.0012;
+/** Radians per second of turning by keys. */
+const KEY_TURN_SPEED = 1.2;
+/** What becomes of the distance to the target with each press of + and -. */
+const KEY_ZOOM = { "+": 0.9, "=": 0.9, "-": 1 / 0.9, "_": 1 / 0.9 };
+/** Angles to the right and up that arrows stand for while Shift is held. */
+const TURNS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 const DIRECTIONS = {
   KeyW: [0, 0, 1], KeyS: [0, 0, -1], KeyA: [-1, 0, 0], KeyD: [1, 0, 0], KeyQ: [0, 1, 0], KeyE: [0, -1, 0],
   ArrowUp: [0, 0, 1], ArrowDown: [0, 0, -1], ArrowLeft: [-1, 0, 0], ArrowRight: [1, 0, 0],
@@ -36,6 +42,8 @@ export class Controls {
     /** @type {Set<string>} */
     this.held = new Set();
     this.flownAt = 0;
+    /** Whether Shift is held: keys move faster, and arrows turn. */
+    this.isFast = false;
     this.listen(viewer.canvas);
     viewer.beforeFrame.push(() => this.fly());
   }
@@ -119,16 +127,22 @@ export class Controls {
     if (this.viewer.fixed) return;
     // Lines and pages, in pixels.
     const delta = event.deltaY * [1, 16, 400][event.deltaMode];
-    if (this.isFlying) this.viewer.camera.move(0, 0, -delta * WHEEL_SPEED * this.viewer.camera.distance);
-    else this.viewer.camera.zoom(Math.exp(delta * WHEEL_SPEED));
-    this.viewer.invalidate();
+    this.zoom(Math.exp(delta * WHEEL_SPEED));
   }
 
   /** @param {KeyboardEvent} event */
   keyDown(event) {
     const at = event.target instanceof Element ? event.target : document.body;
-    if (at.closest("input, select, textarea") || event.ctrlKey || event.metaKey || event.altKey || this.viewer.fixed) return;
-    if (event.code in DIRECTIONS && !(event.code.startsWith("Arrow") && at.closest("#panel"))) {
+    this.isFast = event.shiftKey;
+    // What is released while Meta is held is told of by no event.
+    if (event.metaKey) this.held.clear();
+    // Nobody types into the field of a colour, where the focus stays after one was chosen; but Escape closes what it has opened.
+    const isTyping = at.closest(event.code === "Escape" ? "input" : 'input:not([type="color"]), select, textarea');
+    if (isTyping || event.ctrlKey || event.metaKey || event.altKey || this.viewer.fixed) return;
+    if (event.key in KEY_ZOOM) {
+      event.preventDefault();
+      this.zoom(KEY_ZOOM[/** @type {keyof typeof KEY_ZOOM} */ (event.key)]);
+    } else if (event.code in DIRECTIONS && !(event.code.startsWith("Arrow") && at.closest("#panel"))) {
       event.preventDefault();
       if (this.held.size === 0) this.flownAt = performance.now();
       this.held.add(event.code);
@@ -136,7 +150,6 @@ export class Controls {
     } else if (!event.repeat) {
       this.handlers.key(event.code);
     }
-    this.isFast = event.shiftKey;
   }
 
   /** @param {KeyboardEvent} event */
@@ -144,6 +157,8 @@ export class Controls {
     // A press may be shorter than a frame.
     this.fly();
     this.held.delete(event.code);
+    this.isFast = event.shiftKey;
+    if (event.key === "Meta") this.held.clear();
   }
 
   /** Moves by what has been held down since it was last called. */
@@ -155,8 +170,32 @@ export class Controls {
     const { camera } = this.viewer;
     const step = seconds * FLY_SPEED * camera.start.distance * (this.isFast ? FAST : 1) * 0.5;
     for (const [code, [right, down, forward]] of Object.entries(DIRECTIONS)) {
-      if (this.held.has(code)) camera.move(step * right, step * down, step * forward);
+      if (!this.held.has(code)) continue;
+      if (this.isFast && code in TURNS) this.turn(TURNS[/** @type {keyof typeof TURNS} */ (code)], seconds * KEY_TURN_SPEED);
+      else camera.move(step * right, step * down, step * forward);
     }
+    this.viewer.invalidate();
+  }
+
+  /**
+   * Turns the scene, or the head while flying.
+   * @param {number[]} direction to the right and up
+   * @param {number} angle radians
+   */
+  turn([right, up], angle) {
+    const { camera } = this.viewer;
+    if (this.isFlying) camera.turn(angle * right, angle * up);
+    else camera.orbit(angle * right, angle * up);
+  }
+
+  /**
+   * Towards the target, or away from it.
+   * @param {number} factor what becomes of the distance
+   */
+  zoom(factor) {
+    const { camera } = this.viewer;
+    if (this.isFlying) camera.move(0, 0, -Math.log(factor) * camera.distance);
+    else camera.zoom(factor);
     this.viewer.invalidate();
   }
 }

@@ -59,19 +59,35 @@ export class GpuRenderer {
     const limits = { maxStorageBufferBindingSize: largest, maxBufferSize: largest };
     if (Object.entries(limits).some(([name, value]) => adapter.limits[name] < value)) return null;
     const device = await adapter.requestDevice({ requiredLimits: limits });
+    let made = null;
+    try {
+      made = await GpuRenderer.createOn(device, canvas, scene, shaders, gpu.getPreferredCanvasFormat());
+      return made;
+    } finally {
+      // Its buffers would stay in the way of WebGL2.
+      if (!made) device.destroy();
+    }
+  }
+
+  /**
+   * A renderer on this device, or null where it cannot draw to the canvas.
+   * @param {any} device
+   * @param {HTMLCanvasElement} canvas
+   * @param {any} scene
+   * @param {GpuShaders} shaders
+   * @param {string} format of the canvas
+   */
+  static async createOn(device, canvas, scene, shaders, format) {
     device.pushErrorScope("validation");
     device.pushErrorScope("out-of-memory");
     const made = new GpuRenderer(canvas, device, scene);
-    await made.makePipelines(shaders, gpu.getPreferredCanvasFormat());
-    const works = await reachesCanvas(device, gpu.getPreferredCanvasFormat());
+    await made.makePipelines(shaders, format);
+    const works = await reachesCanvas(device, format);
     const faults = [await device.popErrorScope(), await device.popErrorScope()];
     const context = works && !faults.some((fault) => fault) ? canvas.getContext("webgpu") : null;
-    if (!context) {
-      device.destroy();
-      return null;
-    }
+    if (!context) return null;
     made.context = /** @type {any} */ (context);
-    made.context.configure({ device, format: gpu.getPreferredCanvasFormat(), alphaMode: "opaque" });
+    made.context.configure({ device, format, alphaMode: "opaque" });
     return made;
   }
 

@@ -37,10 +37,15 @@ function unpacked(worker) {
   });
 }
 
-/** The camera of `#camera=JSON`, for pictures of a given view. */
+/** The camera of `#camera=JSON`, for pictures of a given view; null if the address has none. */
 function cameraOfHash() {
-  const found = /^#camera=(.+)$/.exec(location.hash);
-  return found ? JSON.parse(decodeURIComponent(found[1])) : null;
+  const found = /^#camera=(.*)$/.exec(location.hash);
+  if (!found) return null;
+  try {
+    return JSON.parse(decodeURIComponent(found[1])) ?? {};
+  } catch (error) {
+    throw new Error("the camera after # in the address is no URI-encoded JSON", { cause: error });
+  }
 }
 
 /** @param {any} scene */
@@ -144,17 +149,17 @@ function restoreTheme() {
  * @returns {import("./controls.js").Handlers}
  */
 function handlersOf(viewer, panel) {
+  /** @typedef {Awaited<ReturnType<Viewer["pick"]>>} Picked */
+  const onPick = (/** @type {(picked: Picked) => void} */ act) => (/** @type {number} */ x, /** @type {number} */ y) => {
+    // Without the panel nobody could take a selection back.
+    if (!viewer.fixed) viewer.pick(x, y).then(act).catch((error) => viewer.fail(error));
+  };
   return {
-    click: async (x, y) => {
-      const picked = await viewer.pick(x, y);
-      if (picked && picked.object !== BACKGROUND) panel.toggle([picked.object]);
-      else panel.toggle([...viewer.selected]);
-    },
-    doubleClick: async (x, y) => {
-      const picked = await viewer.pick(x, y);
-      if (picked && !viewer.fixed) viewer.camera.lookAt(picked.point);
+    click: onPick((picked) => panel.toggle(picked && picked.object !== BACKGROUND ? [picked.object] : [...viewer.selected])),
+    doubleClick: onPick((picked) => {
+      if (picked) viewer.camera.lookAt(picked.point);
       viewer.invalidate();
-    },
+    }),
     key: (code) => {
       if (code === "Escape") panel.toggle([...viewer.selected]);
       if (code === "KeyH") panel.hideSelected();
@@ -176,9 +181,10 @@ function fail(error) {
  * Draws with WebGPU where there is, else with WebGL2.
  * @param {HTMLCanvasElement} canvas
  * @param {any} scene
+ * @param {(error: unknown) => void} tell of a fault of the device
  */
-async function rendererOf(canvas, scene) {
-  const lost = () => fail("the graphics card was lost; load the page again");
+async function rendererOf(canvas, scene, tell) {
+  const lost = () => tell("the graphics card was lost; load the page again");
   // A shader's first line must be its version.
   const shaders = (/** @type {string[]} */ ...names) =>
     /** @type {any} */ (Object.fromEntries(names.map((name) => [name, textOf(name).trimStart()])));
@@ -186,6 +192,7 @@ async function rendererOf(canvas, scene) {
   const gpu = await GpuRenderer.create(canvas, scene, shaders("project-wgsl", "sort-wgsl", "splats-wgsl")).catch(() => null);
   if (gpu) {
     gpu.device.lost.then(lost);
+    gpu.device.addEventListener("uncapturederror", (/** @type {any} */ { error }) => tell(error.message));
     return gpu;
   }
   canvas.addEventListener("webglcontextlost", lost);
@@ -199,13 +206,16 @@ async function start() {
   const worker = startWorker();
   const scene = await unpacked(worker);
   const canvas = /** @type {HTMLCanvasElement} */ (byId("picture"));
-  const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), await rendererOf(canvas, scene));
+  let tell = fail;
+  const renderer = await rendererOf(canvas, scene, (error) => tell(error));
+  const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), renderer, fail);
+  tell = (error) => viewer.fail(error);
   const panel = new Panel(viewer);
   const controls = new Controls(viewer, handlersOf(viewer, panel), IS_FRAMED);
   connectTools(viewer, controls);
   showFacts(scene);
   const fixed = cameraOfHash();
-  await (fixed ? viewer.setFixed(fixed) : viewer.settled());
+  await (fixed === null ? viewer.settled() : viewer.setFixed(fixed));
   await viewer.renderer.finish();
   byId("status").hidden = true;
   return { viewer, panel };

@@ -44,6 +44,7 @@ export class Panel {
     this.viewer = viewer;
     /** @type {{label: string, objects: number[], mark: HTMLElement}[]} lines of the list that exist so far */
     this.lines = [];
+    this.colour = /** @type {HTMLInputElement} */ (byId("colour"));
     this.fillList();
     this.connectSelection();
     this.refresh();
@@ -155,11 +156,13 @@ export class Panel {
         this.refresh();
       });
     }
-    const colour = /** @type {HTMLInputElement} */ (byId("colour"));
-    colour.addEventListener("input", () => {
-      viewer.setLook(viewer.selected, { tint: rgbOf(colour.value) });
-      this.refresh();
-    });
+    // A browser tells of changes alone: the colour that is shown is given when it is clicked, as it may be the wanted one.
+    for (const event of ["click", "input"]) {
+      this.colour.addEventListener(event, () => {
+        viewer.setLook(viewer.selected, { tint: rgbOf(this.colour.value) });
+        this.refresh();
+      });
+    }
   }
 
   /** Hides what is selected, or shows it again. */
@@ -186,6 +189,9 @@ export class Panel {
       if (dot) dot.style.background = tint ? hexOf(tint) : "";
     }
     const chosen = [...viewer.selected];
+    // Without a colour of its own the last one is shown, so that it can be given again.
+    const tint = viewer.looks.get(chosen[0])?.tint;
+    if (tint) this.colour.value = hexOf(tint);
     byId("selection").hidden = chosen.length === 0;
     byId("selected-name").textContent = this.nameOf(chosen);
     byId("whole-group").hidden = chosen.length !== 1 || chosen[0] === BACKGROUND;

@@ -4,6 +4,9 @@
 import { GEOMETRY_TEXELS, ROW_TEXELS, TEXTURE_WIDTH } from "./layout.js";
 import { halfOfFloat } from "./safetensors.js";
 
+/** Indices of rows are floats, which are exact up to here. */
+const MOST_EXACT = 2 ** 24;
+
 /**
  * Texels of four 32-bit values; `texels` of them per item.
  * @typedef {{data: Float32Array | Uint32Array, texels: number, height: number}} Texels
@@ -98,10 +101,13 @@ function offsetTexels(offsets, coefficients) {
 
 /**
  * World and colour matrices; tint (red, green, blue, how much); first Gaussian, first offset, whether it is shown, and whether
- * it is selected. Indices are exact as floats up to 2^24, which no scene in a page has.
+ * it is selected.
  * @param {import("./scene.js").Row[]} rows
  */
-function rowTexels(rows) {
+export function rowTexels(rows) {
+  if (rows.some((row) => Math.max(row.first, row.firstOffset) > MOST_EXACT)) {
+    throw new Error("the scene has more Gaussians than this page can count");
+  }
   const out = room(rows.length, ROW_TEXELS);
   rows.forEach((row, r) => {
     const at = 4 * ROW_TEXELS * r;

@@ -1,6 +1,6 @@
 // The picture: what is shown of the scene from where, and when it is drawn and sorted anew.
 
-import { Camera, viewOf } from "./camera.js";
+import { Camera, viewOf, wholeCamera } from "./camera.js";
 
 /** Largest number of canvas pixels per CSS pixel: more costs time, and is hardly seen. */
 const MOST_PIXEL_RATIO = 2;
@@ -18,12 +18,14 @@ export class Viewer {
    * @param {any} scene the worker's answer
    * @param {import("./camera.js").Start} start
    * @param {import("./renderer.js").Renderer | import("./gpu_renderer.js").GpuRenderer} renderer
+   * @param {(error: unknown) => void} tell of a fault after which there are no more pictures
    */
-  constructor(canvas, worker, scene, start, renderer) {
+  constructor(canvas, worker, scene, start, renderer, tell) {
     this.canvas = canvas;
     this.worker = worker;
     this.scene = scene;
     this.renderer = renderer;
+    this.tell = tell;
     this.camera = new Camera(start, scene.near);
     /** @type {import("./camera.js").CameraFile | null} a camera that is shown as it is, at its own size */
     this.fixed = null;
@@ -35,16 +37,43 @@ export class Viewer {
     this.nextId = 1;
     /** @type {Map<number, {resolve: (answer: any) => void, reject: (error: Error) => void}>} */
     this.asked = new Map();
-    /** @type {(() => void)[]} */
+    /** @type {{resolve: (value?: unknown) => void, reject: (error: unknown) => void}[]} */
     this.waiting = [];
+    /** What has gone wrong for good, if anything has. @type {Error | null} */
+    this.fault = null;
     /** @type {(() => void)[]} called before each frame; they may move the camera */
     this.beforeFrame = [];
     this.sortedKey = "";
     this.isSorting = false;
     this.isScheduled = false;
     worker.onmessage = (event) => this.receive(event.data);
+    worker.onerror = (event) => this.fail(event.message || "the worker has stopped");
+    worker.onmessageerror = () => this.fail("the worker's answer cannot be read");
     new ResizeObserver(() => this.invalidate()).observe(canvas);
+    this.followPixelRatio();
     this.invalidate();
+  }
+
+  /** Draws anew on a screen of other pixels: the canvas keeps its size there, so that nothing else tells of it. */
+  followPixelRatio() {
+    // Kept here: some browsers forget a list that nothing holds, with its listeners.
+    this.asNow = matchMedia(`(resolution: ${window.devicePixelRatio || 1}dppx)`);
+    this.asNow.addEventListener("change", () => {
+      this.invalidate();
+      this.followPixelRatio();
+    }, { once: true });
+  }
+
+  /**
+   * Ends it: tells the user, and whoever waits for a picture or an answer.
+   * @param {unknown} error
+   */
+  fail(error) {
+    if (this.fault) return;
+    this.fault = error instanceof Error ? error : new Error(String(error));
+    this.tell(this.fault);
+    [...this.waiting.splice(0), ...this.asked.values()].forEach(({ reject }) => reject(this.fault));
+    this.asked.clear();
   }
 
   /** The camera of the next frame. */
@@ -57,15 +86,19 @@ export class Viewer {
 
   /** Something has changed: draws soon. */
   invalidate() {
-    if (this.isScheduled) return;
+    if (this.isScheduled || this.fault) return;
     this.isScheduled = true;
     requestAnimationFrame(() => {
       this.isScheduled = false;
-      this.beforeFrame.forEach((before) => before());
-      const camera = this.cameraFile();
-      this.renderer.draw(camera);
-      this.sortIfNeeded(camera);
+      this.frame().catch((error) => this.fail(error));
     });
+  }
+
+  async frame() {
+    this.beforeFrame.forEach((before) => before());
+    const camera = this.cameraFile();
+    this.renderer.draw(camera);
+    await this.sortIfNeeded(camera);
   }
 
   /** @param {import("./camera.js").CameraFile} camera */
@@ -74,24 +107,28 @@ export class Viewer {
     const key = `${view.view.slice(8)} ${this.shownRows}`;
     if (this.isSorting) return;
     if (this.renderer.sortsItself || key === this.sortedKey) {
-      this.waiting.splice(0).forEach((resolve) => resolve());
+      this.waiting.splice(0).forEach(({ resolve }) => resolve());
       return;
     }
     this.isSorting = true;
     const buffer = this.spare;
     this.spare = undefined;
-    const answer = await this.ask({ sort: view, shown: this.shownRows, buffer }, buffer ? [buffer.buffer] : []);
-    this.renderer.setOrder(answer.order, answer.count);
-    this.spare = answer.order;
-    this.sortedKey = key;
-    this.isSorting = false;
+    try {
+      const answer = await this.ask({ sort: view, shown: this.shownRows, buffer }, buffer ? [buffer.buffer] : []);
+      this.renderer.setOrder(answer.order, answer.count);
+      this.spare = answer.order;
+      this.sortedKey = key;
+    } finally {
+      this.isSorting = false;
+    }
     this.invalidate();
   }
 
-  /** Resolves once the picture shows what was asked for so far. */
+  /** Resolves once the picture shows what was asked for so far; rejects if it never will. */
   settled() {
-    return new Promise((/** @type {(value?: unknown) => void} */ resolve) => {
-      this.waiting.push(resolve);
+    return new Promise((/** @type {(value?: unknown) => void} */ resolve, reject) => {
+      if (this.fault) return reject(this.fault);
+      this.waiting.push({ resolve, reject });
       this.invalidate();
     });
   }
@@ -105,6 +142,7 @@ export class Viewer {
   ask(message, transfer = []) {
     const id = this.nextId++;
     return new Promise((resolve, reject) => {
+      if (this.fault) return reject(this.fault);
       this.asked.set(id, { resolve, reject });
       this.worker.postMessage({ id, ...message }, transfer);
     });
@@ -161,10 +199,12 @@ export class Viewer {
   }
 
   /**
-   * Shows one camera as it is, at its own size; null gives the camera back to the user.
-   * @param {import("./camera.js").CameraFile | null} camera
+   * Shows one camera as it is, at its own size; null gives the camera back to the user. Throws if it is no whole camera; then
+   * all stays as it was.
+   * @param {any} given
    */
-  setFixed(camera) {
+  setFixed(given) {
+    const camera = given === null ? null : wholeCamera(given);
     this.fixed = camera;
     this.canvas.style.width = camera ? `${camera.width}px` : "";
     this.canvas.style.height = camera ? `${camera.height}px` : "";

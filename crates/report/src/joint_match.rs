@@ -43,6 +43,11 @@ impl JointMatch {
     }
 }
 
+/// True if the logs suffice to see whether the joint phase reached the plain cloud's loss.
+pub(super) fn is_measured(vanilla: &[Event], joint: &[Event]) -> bool {
+    training_seconds(vanilla) > 0.0 && excesses(&last_losses(vanilla), joint).len() >= STEPS
+}
+
 /// Mean over the training views of the last loss of each, if the log has all of them.
 pub(super) fn final_loss(events: &[Event], train_views: u64) -> Option<f64> {
     let last = last_losses(events);
@@ -121,6 +126,8 @@ mod tests {
         assert!(JointMatch::of(&[], &joint, 4).is_none() && JointMatch::of(&plain, &[], 4).is_none());
         assert!(JointMatch::of(&plain, &joint, 5).is_none(), "a view was never looked at");
         assert!(JointMatch::of(&plain, &joint[..2], 4).is_none(), "too short");
+        assert!(is_measured(&plain, &joint) && is_measured(&plain, &log(&[9.0; 3])));
+        assert!(!is_measured(&plain, &joint[..2]) && !is_measured(&[], &joint) && !is_measured(&plain, &[]));
         // Steps without a finite loss are missing from the log; the others are still compared.
         let mut holes = log(&[9.0, 1.0, 1.0, 1.0, 1.0]);
         for event in &mut holes[..2] {

@@ -55,23 +55,40 @@ pub struct ReportData {
     pub stages: StagePictures,
 }
 
-/// A test view as photo and as rendering.
+/// A test view as photo and as rendering, no wider than the page shows them ([`MAX_WIDTH_PX`]): a run has many views, and the
+/// page shows few, which are chosen at the end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewPicture {
     /// Name of the test view.
     pub name: String,
     /// How near the rendering is to the photo.
     pub metrics: Metrics,
-    /// The photo at the size trained at.
+    /// Width and height that the view was trained at, pixels.
+    pub size: [u32; 2],
+    /// The photo.
     pub ground_truth: Rgb8,
     /// The rendering, of the same size as the photo.
     pub render: Rgb8,
+    /// Their difference at full size, amplified and then scaled down as they are.
+    pub difference: Rgb8,
+}
+
+impl ViewPicture {
+    /// The pictures of a view from photo and rendering at full size.
+    ///
+    /// # Errors
+    /// The two differ in size, or a number of bytes does not match its size.
+    pub fn new(name: &str, metrics: Metrics, ground_truth: &Rgb8, render: &Rgb8) -> Result<Self, PictureError> {
+        let size = [ground_truth.width, ground_truth.height];
+        let [ground_truth, render, difference] = pictures::compared(ground_truth, render)?;
+        Ok(Self { name: name.into(), metrics, size, ground_truth, render, difference })
+    }
 }
 
 /// Writes `report.json` and `report.html` into the run folder.
 ///
 /// # Errors
-/// A picture whose bytes do not match its size or that of its counterpart, or a file that cannot be written.
+/// A picture whose bytes do not match its size, or a file that cannot be written.
 pub fn write(run: &RunFolder, data: &ReportData) -> Result<(), IoError> {
     write_json(run, &data.report)?;
     let path = run.page();
@@ -90,7 +107,7 @@ pub fn write_json(run: &RunFolder, report: &RunReport) -> Result<(), IoError> {
 /// The report as an HTML page; `path` is for messages.
 ///
 /// # Errors
-/// Two pictures of a view that differ in size, or a picture whose bytes do not match its size.
+/// A picture whose bytes do not match its size.
 pub fn html(data: &ReportData, path: &Path) -> Result<String, IoError> {
     page::page(data, path)
 }

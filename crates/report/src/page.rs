@@ -6,11 +6,11 @@ use super::chart::{Chart, Look, Series};
 use super::curves::{Curves, Over};
 use super::format::{bytes, count, duration, escape, fixed};
 use super::phases;
-use super::pictures::{self, DIFFERENCE_GAIN};
+use super::pictures::{DIFFERENCE_GAIN, exact_address};
 use super::run_report::RunReport;
 use super::stages as of_stages;
 use super::table::{bar, table};
-use super::{PictureError, ReportData, Rgb8, SceneView, ViewPicture};
+use super::{PictureError, ReportData, SceneView, ViewPicture};
 use instgs_io::{IoError, Place};
 use instgs_train::config::Method;
 use instgs_train::facts::Metrics;
@@ -157,14 +157,15 @@ fn views(all: &[ViewPicture], path: &Path) -> Result<String, IoError> {
     for view in all {
         let place = || Place::Field(format!("picture {}", view.name));
         let fail = |error: PictureError| IoError::new(path, error.to_string()).at(place());
-        let addresses = pictures::addresses(&view.ground_truth, &view.render).map_err(fail)?;
+        let pictures = [&view.ground_truth, &view.render, &view.difference];
         let name = escape(&view.name);
         out += &format!(
             "<div class=\"view\"><h3>{name}<span>{}</span></h3>\n<div class=\"trio\" data-view=\"{name}\">\n",
             words(&view.metrics)
         );
-        let Rgb8 { width, height, .. } = view.ground_truth;
-        for (caption, address) in captions.iter().zip(&addresses) {
+        let [width, height] = view.size;
+        for (caption, picture) in captions.iter().zip(pictures) {
+            let address = exact_address(picture).map_err(fail)?;
             out += &format!(
                 "<figure><img src=\"{address}\" width=\"{width}\" height=\"{height}\" alt=\"{name}: {caption}\"/>\
                  <figcaption>{caption}</figcaption></figure>\n"
@@ -183,12 +184,17 @@ fn words(quality: &Metrics) -> String {
 }
 
 fn view_table(report: &RunReport) -> String {
-    let cells = |name: &str, q: &Metrics| {
-        vec![escape(name), fixed(q.psnr, 2), fixed(q.ssim, 4), q.lpips.map_or("–".into(), |v| fixed(v, 4))]
+    let all = report.views.iter().map(|view| &view.metrics).chain(&report.eval);
+    let exposed = all.into_iter().any(|quality| quality.psnr_exposed.is_some());
+    let of = |value: Option<f64>, decimals| value.map_or("–".into(), |v| fixed(v, decimals));
+    let cells = |name: &str, q: &Metrics| -> Vec<String> {
+        let measured = [escape(name), fixed(q.psnr, 2), fixed(q.ssim, 4), of(q.lpips, 4)];
+        measured.into_iter().chain(exposed.then(|| of(q.psnr_exposed, 2))).collect()
     };
     let rows: Vec<_> = report.views.iter().map(|view| cells(&view.name, &view.metrics)).collect();
     let mean = report.eval.as_ref().map(|quality| cells("mean", quality));
-    table(&["view", "PSNR, dB", "SSIM", "LPIPS"], &rows, mean)
+    let names = ["view", "PSNR, dB", "SSIM", "LPIPS"].into_iter().chain(exposed.then_some("PSNR with exposures, dB"));
+    table(&names.collect::<Vec<_>>(), &rows, mean)
 }
 
 fn registration(report: &RunReport) -> String {

@@ -3,7 +3,7 @@
 use super::chart::{Chart, Look, Series};
 use super::curves::{Curves, Over};
 use super::format::{bytes, count, duration, escape, fixed, signed};
-use super::joint_match::final_loss;
+use super::joint_match::{final_loss, is_measured};
 use super::run_report::RunReport;
 use super::table::table;
 use super::training_clock::training_seconds;
@@ -78,7 +78,13 @@ pub(super) fn verdict(data: &ReportData) -> String {
             fixed(100.0 * found.fraction_of_vanilla, 1),
             fixed(between_seconds(&data.report), 1)
         ),
-        None => format!("The joint phase did not reach the plain cloud's final loss ({loss})."),
+        None if is_measured(&data.vanilla_events, &data.events) => {
+            format!("The joint phase did not reach the plain cloud's final loss ({loss}).")
+        }
+        None => format!(
+            "Whether the joint phase reached the plain cloud's final loss ({loss}) was not measured: too few of its steps are in \
+             the log."
+        ),
     };
     let how = "Losses are compared with those of the plain cloud's last look at the same views, over 30 steps.";
     format!("<p>{text} <span class=\"soft\">{how}</span></p>\n")

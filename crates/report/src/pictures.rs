@@ -71,8 +71,8 @@ pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
     (0..most).map(|i| ranked[i * (ranked.len() - 1) / last]).collect()
 }
 
-/// The `data:` addresses of photo, rendering and their difference.
-pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], PictureError> {
+/// Photo, rendering and their difference, at the page's width where they are wider.
+pub(super) fn compared(ground_truth: &Rgb8, render: &Rgb8) -> Result<[Rgb8; 3], PictureError> {
     let (truth, render) = (image_of(ground_truth)?, image_of(render)?);
     if truth.dimensions() != render.dimensions() {
         return Err(PictureError::SizesDiffer(truth.dimensions().into(), render.dimensions().into()));
@@ -82,7 +82,15 @@ pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3
     for (a, b) in difference.iter_mut().zip(render.iter()) {
         *a = u8::try_from(DIFFERENCE_GAIN * u16::from(a.abs_diff(*b))).unwrap_or(u8::MAX);
     }
-    Ok([png_address(&scaled(truth))?, png_address(&scaled(render))?, png_address(&scaled(difference))?])
+    Ok([truth, render, difference].map(|image| {
+        let image = scaled(image);
+        Rgb8 { width: image.width(), height: image.height(), pixels: image.into_raw() }
+    }))
+}
+
+/// The `data:` address of a picture that is compared, as PNG.
+pub(super) fn exact_address(picture: &Rgb8) -> Result<String, PictureError> {
+    png_address(&image_of(picture)?)
 }
 
 /// The `data:` address of a picture that illustrates: as PNG or JPEG, whichever is smaller.
@@ -146,10 +154,10 @@ mod tests {
     fn pictures_survive_and_differences_are_amplified() {
         let truth = Rgb8 { width: 2, height: 1, pixels: vec![10, 20, 30, 0, 255, 7] };
         let render = Rgb8 { width: 2, height: 1, pixels: vec![11, 18, 30, 200, 0, 7] };
-        let [a, b, d] = addresses(&truth, &render).unwrap();
-        assert_eq!(decoded(&a).into_raw(), truth.pixels);
-        assert_eq!(decoded(&b).into_raw(), render.pixels);
-        assert_eq!(decoded(&d).into_raw(), [4, 8, 0, 255, 255, 0]);
+        let [a, b, d] = compared(&truth, &render).unwrap();
+        assert_eq!((&a, &b), (&truth, &render));
+        assert_eq!(decoded(&exact_address(&a).unwrap()).into_raw(), truth.pixels);
+        assert_eq!(decoded(&exact_address(&d).unwrap()).into_raw(), [4, 8, 0, 255, 255, 0]);
     }
 
     /// Flat areas of few colours are smaller as PNG, photos as JPEG.
@@ -170,8 +178,8 @@ mod tests {
     fn wide_pictures_are_averaged_down() {
         let pixels = (0..960 * 6).flat_map(|i| [if i % 2 == 0 { 100 } else { 102 }; 3]).collect();
         let wide = Rgb8 { width: 960, height: 6, pixels };
-        let [a, ..] = addresses(&wide, &wide).unwrap();
-        let small = decoded(&a);
+        let [a, ..] = compared(&wide, &wide).unwrap();
+        let small = decoded(&exact_address(&a).unwrap());
         assert_eq!(small.dimensions(), (480, 3));
         assert!(small.pixels().all(|p| p.0 == [101; 3]), "{:?}", small.get_pixel(0, 0));
     }
@@ -179,7 +187,7 @@ mod tests {
     #[test]
     fn pictures_that_are_none_or_differ_in_size_are_refused() {
         let picture = |width, height, bytes| Rgb8 { width, height, pixels: vec![0; bytes] };
-        let error = |a: &Rgb8, b: &Rgb8| addresses(a, b).unwrap_err().to_string();
+        let error = |a: &Rgb8, b: &Rgb8| compared(a, b).unwrap_err().to_string();
         assert!(error(&picture(2, 1, 6), &picture(1, 2, 6)).contains("2x1 pixels, the rendering 1x2"));
         assert!(error(&picture(2, 1, 5), &picture(2, 1, 6)).contains("5 bytes"));
         assert!(error(&picture(0, 1, 0), &picture(0, 1, 0)).contains("no picture"));

@@ -25,8 +25,8 @@ fn picture(name: &str, noise: f64) -> ViewPicture {
             render.push((255.0 * (wave + noise * x * rng.normal()).clamp(0.0, 1.0)) as u8);
         }
     }
-    let rgb = |pixels| Rgb8 { width, height, pixels };
-    ViewPicture { name: name.into(), metrics: quality(24.0), ground_truth: rgb(truth), render: rgb(render) }
+    let [truth, render] = [truth, render].map(|pixels| Rgb8 { width, height, pixels });
+    ViewPicture::new(name, quality(24.0), &truth, &render).expect("two pictures of one size")
 }
 
 /// Views and losses of the ten steps before a report, all with this loss.
@@ -305,6 +305,10 @@ fn a_joint_phase_that_stays_behind_is_told() {
     data.report.joint_match = None;
     let html = html(&data, Path::new("report.html")).unwrap();
     assert!(html.contains("did not reach the plain cloud's final loss") && !html.contains("until the plain cloud"));
+    // Two reports of ten steps say nothing.
+    data.events.retain(|event| event.step() <= 20);
+    let html = super::html(&data, Path::new("report.html")).unwrap();
+    assert!(html.contains("was not measured") && !html.contains("did not reach"));
 }
 
 /// The report of a scene given with `--init`, of which only the file is known.
@@ -429,9 +433,27 @@ fn numbers_that_are_none_are_written_as_null_and_read() -> Result<(), Box<dyn st
 }
 
 #[test]
-fn a_view_whose_pictures_differ_in_size_is_named() {
+fn a_view_with_a_faulty_picture_is_named() {
     let mut data = sample();
-    data.pictures[1].render = Rgb8 { width: 1, height: 1, pixels: vec![0; 3] };
+    data.pictures[1].render.pixels.pop();
     let error = html(&data, Path::new("r.html")).err().map(|e| e.to_string()).unwrap_or_default();
-    assert_eq!(error, "r.html: picture <b>&\"c\".png: the photograph has 540x360 pixels, the rendering 1x1");
+    assert!(error.starts_with("r.html: picture <b>&\"c\".png: ") && error.contains("480x320"), "{error}");
+    let picture = |width| Rgb8 { width, height: 1, pixels: vec![0; 3 * width as usize] };
+    let error = ViewPicture::new("a", quality(20.0), &picture(2), &picture(1)).err().map(|e| e.to_string());
+    assert_eq!(error.as_deref(), Some("the photograph has 2x1 pixels, the rendering 1x1"));
+}
+
+/// PSNR with exposures is a column where it was measured.
+#[test]
+fn exposures_have_a_column_where_there_are_any() {
+    let mut data = sample();
+    let page = |data: &ReportData| html(data, Path::new("report.html")).unwrap();
+    assert!(!page(&data).contains("with exposures"));
+    data.report.views[1].metrics.psnr_exposed = Some(27.25);
+    data.report.eval = data.report.eval.map(|mean| Metrics { psnr_exposed: Some(26.5), ..mean });
+    let page = page(&data);
+    assert!(page.contains("<th>PSNR with exposures, dB</th>"));
+    for row in ["</td><td>–</td></tr>", "<td>–</td><td>27.25</td></tr>", "</td><td>26.50</td></tr>"] {
+        assert!(page.contains(row), "{row}");
+    }
 }

@@ -10,8 +10,8 @@ use super::{
 };
 use instgs_eval::Evaluated;
 use instgs_io::json::read_json;
-use instgs_io::picture_png::write_png;
-use instgs_io::{IoError, RunFolder, run_folder};
+use instgs_io::picture_png::encode_png;
+use instgs_io::{IoError, RunFolder, atomic_write, run_folder};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::pipeline::{Finished, Message, ObjectPhases, Phase, PipelineJob, Prepared};
 use instgs_train::TrainMessage;
@@ -28,7 +28,7 @@ const PICTURES: usize = 8;
 #[derive(Default)]
 pub struct ReportWriter {
     /// Test views of the training in progress.
-    test_views: Vec<ViewPicture>,
+    test_views: Vec<TestView>,
     /// Report of the last finished training.
     last: ReportData,
     /// Report and log of the plain cloud that the run trained or reused.
@@ -36,6 +36,14 @@ pub struct ReportWriter {
     pictures: StagePictures,
     /// Time spent on pictures of the stages and on views of scenes, seconds.
     drawing_seconds: f64,
+}
+
+/// What is kept of a test view until the run folder is told: pictures of many megapixels would fill the memory.
+struct TestView {
+    /// For the page, should it be chosen.
+    picture: ViewPicture,
+    /// The rendering at full size as a PNG file.
+    png: Vec<u8>,
 }
 
 impl ReportWriter {
@@ -51,14 +59,14 @@ impl ReportWriter {
     /// A log that cannot be read, or a file that cannot be written.
     pub fn observe(&mut self, message: &Message<'_>) -> Result<(), IoError> {
         match message {
-            Message::Training { message: TrainMessage::TestView(view), .. } => self.test_views.push(picture_of(view)),
+            Message::Training { message: TrainMessage::TestView(view), .. } => self.test_views.push(kept_of(view)?),
             Message::Trained { phase, folder, config, facts } => {
-                let pictures = std::mem::take(&mut self.test_views);
-                write_renders(folder, &pictures)?;
+                let views = std::mem::take(&mut self.test_views);
+                write_renders(folder, &views)?;
                 let events = read_events(&folder.events())?;
                 let report = report_of(facts, &events, config);
-                let shown = choose(&report.views, PICTURES).into_iter().filter_map(|i| pictures.get(i).cloned());
-                let pictures = shown.collect();
+                let shown = choose(&report.views, PICTURES).into_iter().filter_map(|i| views.get(i));
+                let pictures = shown.map(|view| view.picture.clone()).collect();
                 let scene = Some(self.scene_view(folder, &report));
                 self.last = ReportData { report, events, pictures, scene, ..ReportData::default() };
                 if *phase == Phase::PlainCloud {
@@ -217,29 +225,58 @@ fn report_of(facts: &TrainFacts, events: &[Event], config: &RunConfig) -> RunRep
     }
 }
 
-fn picture_of(view: &Evaluated<'_>) -> ViewPicture {
+fn kept_of(view: &Evaluated<'_>) -> Result<TestView, IoError> {
     let rgb8 = |pixels: &[[f32; 3]]| Rgb8 {
         width: view.pair.width(),
         height: view.pair.height(),
         pixels: pixels.iter().flatten().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect(),
     };
-    ViewPicture {
-        name: view.name.into(),
-        metrics: view.metrics,
-        ground_truth: rgb8(view.pair.target()),
-        render: rgb8(view.pair.render()),
-    }
+    let fail = |error: &dyn std::fmt::Display| IoError::new(Path::new(view.name), error.to_string());
+    let (photo, render) = (rgb8(view.pair.target()), rgb8(view.pair.render()));
+    let picture = ViewPicture::new(view.name, view.metrics, &photo, &render).map_err(|e| fail(&e))?;
+    let mut png = Vec::new();
+    encode_png(&mut png, &render.pixels, (render.width, render.height)).map_err(|e| fail(&e))?;
+    Ok(TestView { picture, png })
 }
 
-fn write_renders(run: &RunFolder, pictures: &[ViewPicture]) -> Result<(), IoError> {
-    if pictures.is_empty() {
+fn write_renders(run: &RunFolder, views: &[TestView]) -> Result<(), IoError> {
+    if views.is_empty() {
         return Ok(());
     }
     let folder = run.renders();
     run_folder::create(&folder)?;
-    for picture in pictures {
-        let Rgb8 { width, height, pixels } = &picture.render;
-        write_png(&folder.join(format!("{}.png", picture.name)), pixels, (*width, *height))?;
+    for TestView { picture, png } in views {
+        atomic_write(&folder.join(format!("{}.png", picture.name)), |out| out.write_all(png))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use instgs_eval::{Metrics, PicturePair};
+    use instgs_io::picture_png::write_png;
+
+    /// The file is that of the whole picture; what is kept for the page is no wider than the page.
+    #[test]
+    fn a_test_view_leaves_its_whole_picture_and_keeps_a_small_one() -> Result<(), Box<dyn std::error::Error>> {
+        let (width, height) = (1000, 20);
+        let color = |i: u32| [(i % 251) as f32 / 250.0, (i % 83) as f32 / 90.0, (i % 7) as f32 / 6.0];
+        let render: Vec<_> = (0..width * height).map(color).collect();
+        let photo: Vec<_> = (0..width * height).map(|i| color(i + 3)).collect();
+        let pair = PicturePair::new((width, height), &render, &photo, None)?;
+        let view = Evaluated { name: "a", pair: &pair, metrics: Metrics::default(), visible: 1 };
+        let kept = kept_of(&view)?;
+        let ViewPicture { size, ground_truth, render: small, difference, .. } = &kept.picture;
+        assert_eq!((size, small.width, small.height), (&[1000, 20], 480, 10));
+        assert_eq!([ground_truth.pixels.len(), difference.pixels.len()], [3 * 480 * 10; 2]);
+        let folder = tempfile::tempdir()?;
+        let run = RunFolder::new(folder.path());
+        write_renders(&run, &[kept])?;
+        let bytes: Vec<u8> = render.iter().flatten().map(|v| (v * 255.0).round() as u8).collect();
+        let plain = folder.path().join("plain.png");
+        write_png(&plain, &bytes, (width, height))?;
+        assert!(std::fs::read(run.renders().join("a.png"))? == std::fs::read(plain)?, "the bytes of before");
+        Ok(())
+    }
 }

@@ -166,7 +166,10 @@ pub fn read_dataset(folder: &Path, config: &TrainConfig) -> Result<Dataset, IoEr
 }
 
 /// Gives views the masks of a folder; returns a note about those that have none.
-fn put_pixel_masks(views: &mut [View], folder: &Path) -> Result<Option<String>, IoError> {
+///
+/// # Errors
+/// The folder cannot be read, holds two masks of a view, or none of any.
+pub fn put_pixel_masks(views: &mut [View], folder: &Path) -> Result<Option<String>, IoError> {
     let masks = MaskFolder::open(folder, views)?;
     let mut without = 0;
     for view in views.iter_mut() {

@@ -25,7 +25,7 @@ use super::log_and_observer::LogAndObserver;
 use super::log_state::{LogState, Room};
 use super::memory::{Needs, memory_uses};
 use super::observer::{TrainMessage, TrainObserver};
-use super::results::{cleaned, evaluate_at_end, write_scene};
+use super::results::{cleaned, evaluate_at_end, write_scene, write_training_cameras};
 use super::resumed_log::{Past, open_log};
 use super::run_files::RunFiles;
 use super::same_data;
@@ -139,8 +139,8 @@ impl Clock {
 }
 
 /// Trains, and leaves `config.toml`, `events.jsonl`, `checkpoints/`, `scene.instgs`, of a plain cloud
-/// `point_cloud.ply`, and last `trained.json` in the run folder, which is created if necessary. `observer` receives all
-/// messages; `interrupt` is checked between steps.
+/// `point_cloud.ply`, `cameras.json`, and last `trained.json` in the run folder, which is created if necessary. `observer`
+/// receives all messages; `interrupt` is checked between steps.
 ///
 /// # Errors
 /// Damaged or missing input; a device that fails or is too small: then the state before the step is saved first.
@@ -180,6 +180,7 @@ pub fn train(
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
     let file_bytes = write_scene(job, &scene, done)?;
+    write_training_cameras(&job.folder(), &data.train, &job.config)?;
     if let Some(learned) = &run.state.exposures {
         exposures::save(gpu, learned, &data.train, &job.folder())?;
     }

@@ -8,7 +8,9 @@
 //! groups are within the packed scene, which the program sets as text.
 
 mod base85;
+mod limits;
 
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
 
@@ -20,6 +22,8 @@ use crate::scene_pack::Pack;
 use crate::scene_write::{packed_scene_file_bytes, planned_scene_file_bytes};
 use crate::small::SmallPlan;
 use crate::{IoError, RunFolder, atomic_write, read_cameras};
+pub(crate) use limits::too_large_note;
+
 use base85::base85;
 use instgs_vk::scene::camera::Camera;
 use instgs_vk::scene::instanced_scene::InstancedScene;
@@ -124,7 +128,7 @@ pub fn page_text(
     };
     let start = start_json(scene, options).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
     let packed = deflated(&file).map_err(|e| IoError::os(path, "cannot write", &e))?;
-    Ok(filled(&[
+    let values: [(&str, &str); 14] = [
         ("TITLE", &escaped(title)),
         ("STYLE", web!("page.css")),
         ("PROJECT_FRAG", web!("project.frag")),
@@ -139,7 +143,10 @@ pub fn page_text(
         ("MAIN", &linked(&MAIN)),
         ("START", &start),
         ("SCENE", &base85(&packed)),
-    ]))
+    ];
+    filled(TEMPLATE, &values).map_err(|what| {
+        IoError::new(path, format!("cannot write: {what}")).advise("this is a fault of the program: please report it")
+    })
 }
 
 /// Where the page begins, as `camera.js` reads it (its `Start`): JSON that may stand in a script element.
@@ -179,18 +186,27 @@ fn linked(modules: &[&str]) -> String {
 }
 
 /// The template with values in place of their names; values are not looked through again.
-fn filled(values: &[(&str, &str)]) -> String {
-    let mut out = String::with_capacity(TEMPLATE.len() + values.iter().map(|(_, value)| value.len()).sum::<usize>());
-    let mut rest = TEMPLATE;
+///
+/// # Errors
+/// A name without a value, a value without a place, or a name without an end; the text says which.
+fn filled(template: &str, values: &[(&str, &str)]) -> Result<String, String> {
+    let mut out = String::with_capacity(template.len() + values.iter().map(|(_, value)| value.len()).sum::<usize>());
+    let mut unused: BTreeSet<&str> = values.iter().map(|(name, _)| *name).collect();
+    let mut rest = template;
     while let Some((before, after)) = rest.split_once("{{") {
         out.push_str(before);
-        let (name, after) = after.split_once("}}").unwrap_or((after, ""));
+        let (name, after) = after.split_once("}}").ok_or("a name in the page's template has no end")?;
         let value = values.iter().find(|(other, _)| *other == name);
-        out.push_str(value.map_or("", |(_, value)| value));
+        let (_, value) = value.ok_or_else(|| format!("the page's template has {name}, which has no value"))?;
+        unused.remove(name);
+        out.push_str(value);
         rest = after;
     }
     out.push_str(rest);
-    out
+    match unused.first() {
+        Some(name) => Err(format!("the page's template has no place for {name}")),
+        None => Ok(out),
+    }
 }
 
 #[cfg(test)]

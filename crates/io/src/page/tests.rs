@@ -91,16 +91,21 @@ fn begins_at_the_camera_or_around_the_scene() -> Result<(), Box<dyn Error>> {
 #[test]
 fn is_whole_and_light_and_asks_no_other_machine() -> Result<(), Box<dyn Error>> {
     let text = page("x.html", &InstancedScene::default(), &options(Pack::Small))?;
-    let placeholders: Vec<&str> = TEMPLATE.split("{{").skip(1).filter_map(|rest| rest.split("}}").next()).collect();
-    assert!(placeholders.len() >= 10, "{placeholders:?}");
-    for name in placeholders {
-        assert!(!text.contains(&format!("{{{{{name}}}}}")), "{name} is not filled");
-    }
+    assert!(TEMPLATE.matches("{{").count() >= 10, "names that lack a value are errors");
     assert!(text.len() < 300_000, "{} bytes beside the scene", text.len());
     for outside in ["http:", "https:", "//cdn", "src=", "@import"] {
         assert!(!text.contains(outside), "{outside}");
     }
     Ok(())
+}
+
+#[test]
+fn a_template_and_its_values_fit() {
+    let values = [("A", "1"), ("B", "{{A}}")];
+    assert_eq!(filled("{{B}}x{{A}}{{A}}", &values).as_deref(), Ok("{{A}}x11"));
+    for (template, what) in [("{{A}}{{B}}{{C}}", "has C, which"), ("{{A}}", "no place for B"), ("{{A}}{{B", "no end")] {
+        assert!(filled(template, &values).is_err_and(|e| e.contains(what)), "{template}");
+    }
 }
 
 /// Names that a module declares at its top level.

@@ -16,11 +16,10 @@ use crate::segment::{
 use instgs_io::checkpoint::Checkpoint;
 use instgs_io::fingerprint::FilePrint;
 use instgs_io::json::{read_json, write_json};
-use instgs_io::view_image::camera_at_width;
 use instgs_io::{
     IoError, MaskFolder, RunFolder, Split, View, atomic_write, load_scene, read_cameras, write_cameras, write_ply,
 };
-use instgs_train::read_dataset;
+use instgs_train::{cameras_at_training_size, read_dataset};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PosedGroup};
 
@@ -247,8 +246,7 @@ pub fn label_gaussians(
 /// A data set that is missing or damaged.
 pub fn training_views(job: &PipelineJob) -> Result<(Vec<View>, Vec<Camera>), IoError> {
     let views: Vec<View> = read_dataset(&job.data, &job.config.train)?.split(Split::Train).cloned().collect();
-    let width = (job.config.train.width > 0).then_some(job.config.train.width);
-    let cameras = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();
+    let cameras = cameras_at_training_size(&views, &job.config.train);
     Ok((views, cameras))
 }
 
