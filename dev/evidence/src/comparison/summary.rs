@@ -85,8 +85,10 @@ fn repeated_part(results: &[SeedResult], of: &str) -> Vec<String> {
     let over = |figure: &dyn Fn(&SeedResult) -> f64| over_seeds(results, |result| Some(figure(result)));
     let bytes = |figure: fn(&SeedResult) -> u64| over(&|r| figure(r) as f64).map(|median| grouped(median as u64));
     let ratio = |a: fn(&SeedResult) -> u64, b: fn(&SeedResult) -> u64| over(&|r| a(r) as f64 / b(r).max(1) as f64);
-    let (ply, replaced): (fn(&SeedResult) -> u64, fn(&SeedResult) -> u64) = (|r| r.repeated.ply, |r| r.replaced_ply);
-    let (f16, q8): (fn(&SeedResult) -> u64, fn(&SeedResult) -> u64) = (|r| r.repeated.f16, |r| r.repeated.q8);
+    let ply = |r: &SeedResult| r.repeated.ply;
+    let replaced = |r: &SeedResult| r.replaced_ply;
+    let f16 = |r: &SeedResult| r.repeated.f16;
+    let q8 = |r: &SeedResult| r.repeated.q8;
     let repeated = || {
         Some(format!(
             "repeated part: {} bytes as .ply, {} as f16 ({:.1}x smaller), {} as q8 ({:.1}x); {of}",
