@@ -114,6 +114,22 @@ pub fn block_of(run: &Path) -> Result<(PathBuf, String), IoError> {
     Err(error.advise("put the run or the scene into the folder of its block, as split made it"))
 }
 
+/// A plan for tests, of blocks on level ground in the plane z = 0.
+#[cfg(test)]
+pub(crate) fn on_level_ground(cells: impl IntoIterator<Item = Cell>, margin: [f64; 2]) -> Plan {
+    let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
+    let block = |(number, cell): (usize, Cell)| Block {
+        name: format!("block_0{number}"),
+        cell,
+        margin,
+        train_views: 2,
+        test_views: 0,
+        points: 1,
+        far_points: 0,
+    };
+    Plan::new("/data".into(), ground, cells.into_iter().enumerate().map(block).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

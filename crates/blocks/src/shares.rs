@@ -20,7 +20,7 @@ pub(crate) struct Shares {
 
 /// The points in the frame of one view.
 struct Share {
-    /// Number of them.
+    /// Number of the sampled points that the view has in its frame.
     shown: usize,
     /// The blocks that have some of them, in ascending order. Margins overlap, so a point may be of several blocks.
     in_blocks: Vec<InBlock>,

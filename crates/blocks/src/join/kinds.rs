@@ -206,22 +206,12 @@ fn doubts(plan: &Plan, used: &[UsedTemplate], registered: &Registered) -> Vec<St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::{Cell, Ground};
-    use crate::plan::Block;
+    use crate::cell::Cell;
+    use crate::plan::on_level_ground;
 
     #[test]
     fn templates_whose_poses_are_in_doubt_are_named() {
-        let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
-        let block = |name: &str| Block {
-            name: name.into(),
-            cell: Cell::default(),
-            margin: [0.0; 2],
-            train_views: 2,
-            test_views: 0,
-            points: 1,
-            far_points: 0,
-        };
-        let plan = Plan::new("/data".into(), ground, ["block_00", "block_01", "block_02"].map(block).to_vec());
+        let plan = on_level_ground([Cell::default(); 3], [0.0; 2]);
         let template = |(block, name): (usize, Option<&str>)| UsedTemplate {
             block,
             template: 0,

@@ -85,8 +85,8 @@ pub(super) fn each_once(found: &[BlockObject]) -> Vec<KeptObject> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::{Cell, Ground};
-    use crate::plan::Block;
+    use crate::cell::Cell;
+    use crate::plan::on_level_ground;
     use glam::DMat3;
     use instgs_vk::math::similarity::Similarity;
     use instgs_vk::scene::{Instance, SourceRange};
@@ -117,17 +117,7 @@ mod tests {
     /// Without a margin both blocks see an object on the cut with its centre just beyond their own cell.
     #[test]
     fn an_object_on_a_cut_without_margin_stays_once() {
-        let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
-        let block = |cell| Block {
-            name: "b".into(),
-            cell,
-            margin: [0.0; 2],
-            train_views: 2,
-            test_views: 0,
-            points: 1,
-            far_points: 0,
-        };
-        let plan = Plan::new("/data".into(), ground, Cell::default().cut(0, 0.0).map(block).to_vec());
+        let plan = on_level_ground(Cell::default().cut(0, 0.0), [0.0; 2]);
         // Two Gaussians a unit to the left and right of the centre: the radius is 1.
         let scene = |centres: &[f64]| {
             let mut templates = Gaussians::with_capacity(0, 2);

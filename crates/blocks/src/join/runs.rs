@@ -113,24 +113,13 @@ pub(super) fn check_alike(plan: &Plan, scenes: &[InstancedScene]) -> Result<(), 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::{Cell, Ground};
-    use crate::plan::Block;
+    use crate::cell::Cell;
+    use crate::plan::on_level_ground;
     use instgs_io::write_scene_file;
     use instgs_vk::scene::Gaussians;
 
     fn plan(folder: &Path) -> Result<Plan, IoError> {
-        let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
-        let block = |(number, cell): (usize, Cell)| Block {
-            name: format!("block_0{number}"),
-            cell,
-            margin: [0.5; 2],
-            train_views: 2,
-            test_views: 0,
-            points: 1,
-            far_points: 0,
-        };
-        let plan =
-            Plan::new("/data".into(), ground, Cell::default().cut(0, 0.0).into_iter().enumerate().map(block).collect());
+        let plan = on_level_ground(Cell::default().cut(0, 0.0), [0.5; 2]);
         plan.write(folder)?;
         Ok(plan)
     }

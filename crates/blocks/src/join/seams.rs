@@ -139,8 +139,8 @@ impl Rivals {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::{Cell, Ground};
-    use crate::plan::Block;
+    use crate::cell::Cell;
+    use crate::plan::on_level_ground;
     use glam::DMat3;
     use instgs_vk::math::similarity::Similarity;
     use instgs_vk::scene::{Instance, SourceRange};
@@ -161,17 +161,7 @@ mod tests {
     /// background. What shows the post is none of the arch's, although the arch's box holds it.
     #[test]
     fn a_neighbour_of_the_same_block_is_a_rival() {
-        let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
-        let block = |cell| Block {
-            name: "b".into(),
-            cell,
-            margin: [3.0, 0.0],
-            train_views: 2,
-            test_views: 0,
-            points: 1,
-            far_points: 0,
-        };
-        let plan = Plan::new("/data".into(), ground, Cell::default().cut(0, 0.0).map(block).to_vec());
+        let plan = on_level_ground(Cell::default().cut(0, 0.0), [3.0, 0.0]);
         let arch = [[-1.0, 0.0, 0.0], [-1.0, 0.0, 1.0], [0.0, 0.0, 2.0], [1.0, 0.0, 1.0], [1.0, 0.0, 0.0]];
         let post = [[0.3, 0.0, 0.2], [0.3, 0.0, 0.5]];
         let instance = |template| Instance {

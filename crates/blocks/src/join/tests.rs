@@ -8,8 +8,8 @@ use instgs_vk::scene::lod::merged_levels;
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 
 use super::*;
-use crate::cell::{Cell, Ground};
-use crate::plan::Block;
+use crate::cell::Cell;
+use crate::plan::on_level_ground;
 
 /// Points of the objects' surfaces.
 const POINTS: usize = 1500;
@@ -85,17 +85,7 @@ fn block(template: Gaussians, world_from_frame: Similarity, at: &[f64], backgrou
 }
 
 fn plan() -> Plan {
-    let ground = Ground { axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], up: [0.0, 0.0, 1.0] };
-    let block = |(number, cell): (usize, Cell)| Block {
-        name: format!("block_0{number}"),
-        cell,
-        margin: [1.0, 0.0],
-        train_views: 2,
-        test_views: 0,
-        points: 1,
-        far_points: 0,
-    };
-    Plan::new("/data".into(), ground, Cell::default().cut(0, 0.0).into_iter().enumerate().map(block).collect())
+    on_level_ground(Cell::default().cut(0, 0.0), [1.0, 0.0])
 }
 
 /// Where an object that stands at x should have its surface, world frame.

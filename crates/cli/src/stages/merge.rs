@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{SegmentsArgs, create_folder_of};
+use super::SegmentsArgs;
 use crate::progress_lines::group_lines;
+use instgs_console::args::create_folder_of;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer};
 use instgs_io::{read_groups, save_scene};

@@ -5,7 +5,7 @@ pub(super) mod merge;
 pub(super) mod register;
 pub(super) mod segment;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
@@ -56,12 +56,4 @@ impl SegmentsArgs {
 /// Applies the values of `--set` in the order given.
 fn with_sets(builder: ConfigBuilder, sets: &[String]) -> Result<ConfigBuilder, CliError> {
     Ok(sets.iter().try_fold(builder, |builder, assignment| builder.set(assignment))?)
-}
-
-/// Creates the folder of a file before the work whose result it will hold.
-fn create_folder_of(file: &Path) -> Result<(), CliError> {
-    match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => instgs_console::args::create_folder(folder),
-        _ => Ok(()),
-    }
 }

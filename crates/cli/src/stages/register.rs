@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{SegmentsArgs, create_folder_of};
+use super::SegmentsArgs;
+use instgs_console::args::create_folder_of;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
 use instgs_console::{CliError, Printer};
