@@ -68,17 +68,15 @@ void main() {
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
             float opacity = subgroupShuffle(mine.b.y, j);
-            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
+            vec3 conic = subgroupShuffle(conic_for_exp2(mine), j);
             uint sum = 0;
             [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-                vec2 d = delta + vec2(pixel_step(p));
-                float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
-                float alpha = min(ALPHA_MAX, opacity * exp2(q));
-                bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
+                float q = exponent(conic, delta + vec2(pixel_step(p)));
+                float alpha = alpha_where_hit(q, opacity);
                 float t_next = t[p] * (1.0 - alpha);
-                bool blended = all(bvec2(hit, t_next >= T_STOP));
-                sum += uint(mix(0.0, alpha * t[p], blended) * float(CONTRIBUTION_ONE));
-                t[p] = mix(t[p], mix(0.0, t_next, blended), hit);
+                bool live = t_next >= T_STOP;
+                sum += uint(mix(0.0, alpha * t[p], live) * float(CONTRIBUTION_ONE));
+                t[p] = mix(0.0, t_next, live);
             }
             // Integers: the sum does not depend on the order.
             [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) sum += subgroupShuffleXor(sum, mask);

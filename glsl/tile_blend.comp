@@ -8,7 +8,8 @@
 // and is not blended.
 //
 // - Reads: 40 bytes a splat and 4 a list entry, once per 8x8 block; the tile's range; counters.
-// - Writes: 24 bytes a pixel. Between depth slabs they hold the exact fp32 state, so slabs do not change a bit.
+// - Writes: 24 bytes a pixel. Between depth slabs they hold the exact fp32 state, so slabs do not change a bit. In training
+//   there are no depths.
 // - Grid: one subgroup per 8x8 block of every tile.
 //
 // Twin: `instgs_reference::tile_blend`. Tests: `tests/kernels/forward.rs`, `overflow.rs`, `poison.rs`. What else was tried,
@@ -23,7 +24,7 @@ layout(scalar, binding = 1) readonly buffer IsectValues { uint isect_values[]; }
 layout(scalar, binding = 6) readonly buffer EmissionSlots { uint slot_from_emission[]; };  // TRAINING: slot by emission index
 layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };      // first and end intersection per tile
 layout(scalar, binding = 3) readonly buffer Counters { uint counters[]; };            // COUNTER_*
-layout(scalar, binding = 4) buffer Colors { vec4 colors[]; };                         // rgb over the background, and alpha; between slabs rgb alone
+layout(scalar, binding = 4) buffer Colors { vec4 colors[]; };                         // rgb over the background, and alpha; between slabs rgb alone, and Pixel.t
 layout(scalar, binding = 5) buffer Depths { vec2 depths[]; };                         // expected view depth (between slabs its weighted sum), live T
 layout(scalar, push_constant) uniform TileBlendParams {
     vec3 background;  // colour behind everything
@@ -41,9 +42,8 @@ layout(constant_id = 5) const uint SPLATS_UNROLLED = 8;
 
 struct Pixel {
     vec3 color;  // sum of w c
-    float alpha; // sum of w = 1 - T
-    float depth; // sum of w z
-    float t;     // transmittance while the pixel is live, 0 once the stop rule has fired
+    float depth; // sum of w z; unused in training
+    float t;     // transmittance T = 1 - sum of w while the pixel is live, -T once the stop rule has fired
 };
 
 // Blends a splat into this lane's pixels, the first of which is at `center`.
@@ -52,20 +52,17 @@ void blend(Splat splat, vec2 center, inout Pixel pixels[PIXELS_PER_LANE]) {
     float opacity = splat.b.y;
     vec3 color = vec3(splat.b.zw, splat.c.x);
     float depth = splat.c.y;
-    float xx = splat.a.z, xy = splat.a.w, yy = splat.b.x;
+    vec3 conic = conic_for_exp2(splat);
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-        vec2 d = delta + vec2(pixel_step(p));
-        float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
-        float alpha = min(ALPHA_MAX, opacity * exp2(q));
-        bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
+        float q = exponent(conic, delta + vec2(pixel_step(p)));
+        float alpha = alpha_where_hit(q, opacity);
+        // Of a pixel that has ended it is not positive. A splat that would bring T below the limit ends the pixel and is not blended.
         float t_next = pixels[p].t * (1.0 - alpha);
-        bool blended = all(bvec2(hit, t_next >= T_STOP));
-        float weight = mix(0.0, alpha * pixels[p].t, blended);
-        // A splat that would bring T below the limit ends the pixel and is not blended.
-        pixels[p].t = mix(pixels[p].t, mix(0.0, t_next, blended), hit);
+        bool live = t_next >= T_STOP;
+        float weight = mix(0.0, alpha * pixels[p].t, live);
+        pixels[p].t = mix(-abs(pixels[p].t), t_next, live);
         pixels[p].color += weight * color;
-        pixels[p].alpha += weight;
-        pixels[p].depth += weight * depth;
+        if (TRAINING == 0) pixels[p].depth += weight * depth;
     }
 }
 
@@ -85,12 +82,12 @@ void main() {
 
     Pixel pixels[PIXELS_PER_LANE];
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-        pixels[p] = Pixel(vec3(0.0), 0.0, 0.0, 1.0);
+        pixels[p] = Pixel(vec3(0.0), 0.0, 1.0);
         uvec2 at = corner + pixel_step(p);
         if (!first_slab) {
             // Lanes outside the image load pixels of its border, which they never write.
             uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
-            pixels[p] = Pixel(colors[i].rgb, colors[i].a, depths[i].x, depths[i].y);
+            pixels[p] = Pixel(colors[i].rgb, depths[i].x, colors[i].a);
         }
     }
 
@@ -130,14 +127,17 @@ void main() {
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         uvec2 at = corner + pixel_step(p);
         Pixel pixel = pixels[p];
+        float last = pixel.t;
         if (last_slab) {
-            pixel.color += (1.0 - pixel.alpha) * background;
-            pixel.depth = pixel.alpha > 0.0 ? pixel.depth / pixel.alpha : 0.0;
+            float alpha = 1.0 - abs(pixel.t);
+            pixel.color += abs(pixel.t) * background;
+            pixel.depth = alpha > 0.0 ? pixel.depth / alpha : 0.0;
+            last = alpha;
         }
         if (all(lessThan(at, size_px))) {
             uint i = at.y * size_px.x + at.x;
-            colors[i] = vec4(pixel.color, pixel.alpha);
-            depths[i] = vec2(pixel.depth, pixel.t);
+            colors[i] = vec4(pixel.color, last);
+            depths[i] = vec2(pixel.depth, max(pixel.t, 0.0));
         }
     }
 }

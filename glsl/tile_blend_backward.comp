@@ -56,6 +56,11 @@ float merged(float low, float high, uint mask) {
     return mix(low, high, upper) + subgroupShuffle(mix(high, low, upper), gl_SubgroupInvocationID ^ mask);
 }
 
+// Both lanes that `mask` joins get the sum of their shares.
+float complete(float share, uint mask) {
+    return share + subgroupShuffle(share, gl_SubgroupInvocationID ^ mask);
+}
+
 vec3 merged(vec3 low, vec3 high, uint mask) {
     return vec3(merged(low.x, high.x, mask), merged(low.y, high.y, mask), merged(low.z, high.z, mask));
 }
@@ -71,56 +76,65 @@ SplatMoments sums_of_splat(Splat splat, vec2 center, inout Pixel pixels[PIXELS_P
     vec2 delta = center - splat.a.xy;
     float opacity = splat.b.y;
     vec3 color = vec3(splat.b.zw, splat.c.x);
-    float xx = splat.a.z, xy = splat.a.w, yy = splat.b.x;
-    SplatMoments sum = SplatMoments(vec3[](vec3(0.0), vec3(0.0), vec3(0.0)));
+    vec3 conic = conic_for_exp2(splat);
+    vec3 by_color = vec3(0.0);
+    // Of each column of this lane's pixels: s, s d.y and s d.y^2, with s = dL/dalpha alpha.
+    vec3 by_row[COLUMNS_PER_LANE];
+    [[unroll]] for (uint c = 0; c < COLUMNS_PER_LANE; ++c) by_row[c] = vec3(0.0);
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         vec2 d = delta + vec2(pixel_step(p));
-        float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
-        float alpha_raw = opacity * exp2(q);
-        float alpha = min(ALPHA_MAX, alpha_raw);
-        bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
+        float q = exponent(conic, d);
+        float alpha = alpha_where_hit(q, opacity);
         float t = pixels[p].t;
         float t_next = t * (1.0 - alpha);
-        bool blended = all(bvec2(hit, t_next >= T_STOP));
-        float weight = mix(0.0, alpha * t, blended);
+        bool live = t_next >= T_STOP;
+        float weight = mix(0.0, alpha * t, live);
         float value = dot(color, pixels[p].g.rgb) + pixels[p].g.a;
         float rest = pixels[p].rest - weight * value;
         // dL/dalpha; a clamped alpha has no gradient by opacity and shape.
         float by_alpha = t * value - rest / (1.0 - alpha);
-        float s = mix(0.0, by_alpha * alpha, all(bvec2(blended, alpha_raw <= ALPHA_MAX)));
+        float s = mix(0.0, by_alpha * alpha, all(bvec2(live, opacity * exp2(q) <= ALPHA_MAX)));
         pixels[p].rest = rest;
-        pixels[p].t = mix(t, mix(0.0, t_next, blended), hit);
-        vec2 sd = s * d;
-        sum.sums[0] += weight * pixels[p].g.rgb;
-        sum.sums[1] += vec3(s, sd);
-        sum.sums[2] += vec3(sd.x * d.x, sd.x * d.y, sd.y * d.y);
+        pixels[p].t = mix(0.0, t_next, live);
+        float sy = s * d.y;
+        by_color += weight * pixels[p].g.rgb;
+        by_row[p % COLUMNS_PER_LANE] += vec3(s, sy, sy * d.y);
+    }
+    // All pixels of a column have the same d.x.
+    SplatMoments sum = SplatMoments(vec3[](by_color, vec3(0.0), vec3(0.0)));
+    [[unroll]] for (uint c = 0; c < COLUMNS_PER_LANE; ++c) {
+        float x = delta.x + float(c);
+        float sx = by_row[c].x * x;
+        sum.sums[1] += vec3(by_row[c].x, sx, by_row[c].y);
+        sum.sums[2] += vec3(sx * x, by_row[c].y * x, by_row[c].z);
     }
     return sum;
 }
 
-const uint SUMS = 9;         // of a splat
-const uint SUMS_PADDED = 16;
+const uint SUMS = 9;  // of a splat
 
 // Sums of one splat over lanes, scattered: lane l holds sum l + m SUBGROUP_SIZE in element m. Steps with literal bounds, which
 // compilers unroll.
-float[SUMS_PADDED] scattered(SplatMoments sum) {
+float[SUMS] scattered(SplatMoments sum) {
     uint size = SUBGROUP_SIZE;
-    float v[SUMS_PADDED];
-    [[unroll]] for (uint k = 0; k < SUMS_PADDED; ++k) v[k] = k < SUMS ? sum.sums[min(k, SUMS - 1) / 3][k % 3] : 0.0;
-    [[unroll]] for (uint k = 0; k < 5; ++k) v[k] = merged(v[2 * k], v[2 * k + 1], 1);
-    v[5] = 0.0;
-    [[unroll]] for (uint k = 0; k < 3; ++k) v[k] = merged(v[2 * k], v[2 * k + 1], 2);
-    v[3] = 0.0;
+    float v[SUMS];
+    [[unroll]] for (uint k = 0; k < SUMS; ++k) v[k] = sum.sums[k / 3][k % 3];
+    // The last of an odd number of sums has no other to be merged with: all lanes get it.
+    [[unroll]] for (uint k = 0; k < 4; ++k) v[k] = merged(v[2 * k], v[2 * k + 1], 1);
+    v[4] = complete(v[8], 1);
+    [[unroll]] for (uint k = 0; k < 2; ++k) v[k] = merged(v[2 * k], v[2 * k + 1], 2);
+    v[2] = complete(v[4], 2);
     if (size > 4) {
-        [[unroll]] for (uint k = 0; k < 2; ++k) v[k] = merged(v[2 * k], v[2 * k + 1], 4);
+        v[0] = merged(v[0], v[1], 4);
+        v[1] = complete(v[2], 4);
     }
     if (size > 8) v[0] = merged(v[0], v[1], 8);
-    if (size > 16) v[0] += subgroupShuffle(v[0], gl_SubgroupInvocationID ^ 16);
-    if (size > 32) v[0] += subgroupShuffle(v[0], gl_SubgroupInvocationID ^ 32);
+    if (size > 16) v[0] = complete(v[0], 16);
+    if (size > 32) v[0] = complete(v[0], 32);
     return v;
 }
 
-void store(uint at, float v[SUMS_PADDED]) {
+void store(uint at, float v[SUMS]) {
     [[unroll]] for (uint m = 0; m < 3; ++m) {
         uint sum = gl_SubgroupInvocationID + m * SUBGROUP_SIZE;
         if (sum < SUMS) isect_moments[at].sums[sum / 3][sum % 3] = v[m];
@@ -162,7 +176,7 @@ void main() {
                 [[unroll]] for (uint k = 0; k < SPLATS_UNROLLED; ++k) {
                     uint j = first + k;
                     Splat splat = stage_splats != 0 ? staged_splat(j) : splat_of_lane(mine, j);
-                    float v[SUMS_PADDED] = scattered(sums_of_splat(splat, center, pixels));
+                    float v[SUMS] = scattered(sums_of_splat(splat, center, pixels));
                     uint of_splat = subgroupShuffle(emission, j);
                     if (base + j < range.y) store(of_splat * BLOCKS_PER_TILE + block.in_tile, v);
                 }

@@ -65,17 +65,18 @@ void main() {
     vec2 center = vec2(corner) + 0.5;
     for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
         uint slot = isect_values[min(base + lane, range.y - 1)];
-        Splat mine = splats[slot];
+        Splat mine = with_conic_for_exp2(splats[slot]);
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
             float opacity = subgroupShuffle(mine.b.y, j);
-            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
+            vec3 conic = subgroupShuffle(conic_for_exp2(mine), j);
             uint slot_j = subgroupShuffle(slot, j);
             [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
                 vec2 d = delta + vec2(pixel_step(p));
-                float square = d.x * (xx * d.x + 2.0 * xy * d.y) + yy * d.y * d.y;
-                bool there = all(bvec2(square >= 0.0, opacity * exp2(-0.5 * LOG2_E * square) >= alpha_min));
+                float q = exponent(conic, d);
+                float square = q / (-0.5 * LOG2_E);
+                bool there = all(bvec2(q <= 0.0, opacity * exp2(q) >= alpha_min));
                 float reach = shape == MARK_POINTS ? dot(d, d) / (POINT_RADIUS_PX * POINT_RADIUS_PX) : square;
                 bool hit = all(bvec3(open[p], there, reach <= 1.0));
                 found[p] = mix(found[p], slot_j, hit);

@@ -84,11 +84,10 @@ void main() {
             if (blocks_per_tile != 1 && !subgroupBallotBitExtract(reaching, j)) continue;
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
             float opacity = subgroupShuffle(mine.b.y, j);
-            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
+            vec3 conic = subgroupShuffle(conic_for_exp2(mine), j);
             uint slot_j = subgroupShuffle(slot, j);
             [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-                vec2 d = delta + vec2(pixel_step(p));
-                float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
+                float q = exponent(conic, delta + vec2(pixel_step(p)));
                 float alpha = min(ALPHA_MAX, opacity * exp2(q));
                 bool hit = all(bvec3(alpha >= ALPHA_MIN, q <= 0.0, t[p] >= T_SURFACE));
                 float t_next = t[p] * (1.0 - alpha);

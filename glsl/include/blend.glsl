@@ -57,6 +57,23 @@ Splat with_conic_for_exp2(Splat splat) {
     return splat;
 }
 
+// Conic of a splat of `with_conic_for_exp2`: xx, xy, yy.
+vec3 conic_for_exp2(Splat splat) {
+    return vec3(splat.a.zw, splat.b.x);
+}
+
+// log2 of alpha / opacity at `d` from a splat's mean, with its conic for exp2. A lane's pixels lie in one column (in two at four
+// lanes), and what depends on d.x alone is the same in all of them: two products and two sums a pixel are left.
+float exponent(vec3 conic, vec2 d) {
+    return conic.x * d.x * d.x + d.y * (conic.y * d.x + conic.z * d.y);
+}
+
+// Alpha of a splat at a pixel with this exponent; 0 where it is skipped, which leaves a live T (it is never below T_STOP) as it is.
+float alpha_where_hit(float q, float opacity) {
+    float alpha = min(ALPHA_MAX, opacity * exp2(q));
+    return mix(0.0, alpha, all(bvec2(alpha >= ALPHA_MIN, q <= 0.0)));
+}
+
 // False if a splat (as it is stored) has alpha < 1/255 in all pixels of the 8x8 block whose first pixel is `origin`: if the
 // least x conic x over the block is above 2 log(255 opacity). The least is on one of the two sides that face the mean. The
 // margins are far above the rounding of this and of the blend's own arithmetic, so leaving the splat out changes no bit.

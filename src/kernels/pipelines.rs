@@ -208,6 +208,7 @@ impl Primitives {
 }
 
 /// Compiles kernels for one subgroup size.
+#[derive(Clone, Copy)]
 struct Compiler<'a> {
     gpu: &'a Arc<Gpu>,
     cache: &'a PipelineCache,
@@ -336,6 +337,8 @@ impl BackwardPipelines {
         let size = variant.workgroup_size;
         let tile = ("TILE_SIZE", variant.tile_size);
         let transpose = ("TRANSPOSE", u32::from(variant.transpose_moments));
+        // Gradients by poses are written by subgroup and read by `gather_pose_gradients`.
+        let expand_compiler = Compiler { subgroup_size: variant.expand_backward_subgroup_size, ..compiler };
         let gather = |traits: SceneTraits, one: bool| {
             let constants = [
                 ("SH_DEGREE", traits.sh_degree),
@@ -363,7 +366,7 @@ impl BackwardPipelines {
                     ("SPLATS_UNROLLED", variant.backward_splats_unrolled),
                 ],
             )?,
-            preprocess_instance_expand_backward: compiler.compile(
+            preprocess_instance_expand_backward: expand_compiler.compile(
                 size,
                 &[
                     &[("POSES", u32::from(poses)), traits.color_matrices_constant(), traits.windowed_constant()][..],
@@ -381,7 +384,7 @@ impl BackwardPipelines {
                 true => Some(compiler.compile(size, &[])?),
                 false => None,
             },
-            gather_pose_gradients: compiler.compile(size, &[])?,
+            gather_pose_gradients: expand_compiler.compile(size, &[])?,
             refine_poses: compiler.compile(size, &[])?,
             adam: compiler.compile(size, &[])?,
         })

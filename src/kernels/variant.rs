@@ -30,6 +30,8 @@ pub struct Variant {
     pub splats_unrolled: u32,
     /// The same of the backward blend where it sums each splat alone.
     pub backward_splats_unrolled: u32,
+    /// Lanes per subgroup of `preprocess_instance_expand_backward`, which needs the most registers a lane.
+    pub expand_backward_subgroup_size: u32,
 }
 
 /// Pixels along a side of the blocks that subgroups own (`BLOCK_SIDE` in `glsl/include/blend.glsl`).
@@ -123,6 +125,7 @@ impl Variant {
                 "tile_size" => (&mut variant.tile_size, BLOCK_SIDE..=MOST_TILE_SIZE),
                 "splats_unrolled" => (&mut variant.splats_unrolled, splats),
                 "backward_splats_unrolled" => (&mut variant.backward_splats_unrolled, splats),
+                "expand_backward_subgroup_size" => (&mut variant.expand_backward_subgroup_size, splats),
                 _ => {
                     *variant.flag(name).ok_or_else(|| GpuError::Tuning(format!("there is no {name:?}")))? = number != 0;
                     continue;
@@ -145,6 +148,13 @@ impl Variant {
                     "{what} takes {bytes} bytes of shared memory, {device} has {most}"
                 )));
             }
+        }
+        let lanes = variant.expand_backward_subgroup_size;
+        if !caps.subgroup_sizes().contains(&lanes) || most_threads(caps, lanes) < variant.workgroup_size {
+            return Err(GpuError::Tuning(format!(
+                "{} has no groups of {} threads with subgroups of {lanes} (expand_backward_subgroup_size)",
+                caps.name, variant.workgroup_size
+            )));
         }
         if stage_keys && radix_workgroup_size == subgroup_size {
             return Err(GpuError::Tuning("stage_keys wants more than one subgroup in radix_workgroup_size".into()));
@@ -200,10 +210,13 @@ impl Variant {
             && sort_shared_bytes(radix_workgroup_size, subgroup_size, true) <= caps.shared_memory_bytes;
         // The same, and chunks that fit templates: of a group of 256, most lanes idle where an instance has 100 Gaussians. A
         // training step of shelf_1 takes 58 ms with 256, 60 with 64, 49 with 32 and 56 with 16 (plain 3DGS: 71, 67, 63, 68).
-        let threads = if caps.is_llvmpipe { 32 } else { 256 };
+        let workgroup_size = largest(if caps.is_llvmpipe { 32 } else { 256 });
+        // Intel's GPUs that have 8 lanes keep a value of 16 in two of a thread's 128 registers: a backward blend of several splats
+        // at once then spills 12 values and more, and the backward pass of the expansion 23 to 93 (docs/gpu.md).
+        let narrow = caps.is_intel && subgroup_size == 16 && caps.subgroup_sizes().contains(&8);
         Self {
             subgroup_size,
-            workgroup_size: largest(threads),
+            workgroup_size,
             radix_workgroup_size,
             match_by_ballot: subgroup_size > 16,
             stage_keys: !caps.is_llvmpipe && staged_keys_fit,
@@ -215,8 +228,22 @@ impl Variant {
             transpose_moments: caps.is_llvmpipe && subgroup_size <= 16,
             stage_splats: !caps.is_llvmpipe,
             // All of them with shuffles, so that these have constant lanes; some of them where code has to fit a cache.
-            splats_unrolled: if caps.is_llvmpipe { subgroup_size } else { 4 },
-            backward_splats_unrolled: if subgroup_size < 32 { 4 } else { 8 },
+            splats_unrolled: if caps.is_llvmpipe {
+                subgroup_size
+            } else if narrow {
+                2
+            } else {
+                4
+            },
+            backward_splats_unrolled: match subgroup_size {
+                _ if narrow => 1,
+                ..32 => 4,
+                _ => 8,
+            },
+            expand_backward_subgroup_size: match narrow && most_threads(caps, 8) >= workgroup_size {
+                true => 8,
+                false => subgroup_size,
+            },
         }
     }
 }
@@ -308,6 +335,19 @@ mod tests {
         assert_eq!(others.iter().map(|other| other.subgroup_size).collect::<Vec<_>>(), [8, 16, 64]);
         assert!(others.iter().all(|other| (other.tile_size, other.workgroup_size) == (8, training.workgroup_size)));
         assert!(training.fallbacks(&sizes("subgroup_size=32")).is_empty());
+    }
+
+    #[test]
+    fn what_needs_most_registers_is_narrower_where_intel_has_8_lanes() {
+        let intel = |least| DeviceCaps { min_subgroup_size: least, max_subgroup_size: 32, is_intel: true, ..caps("") };
+        let alchemist = Variant::for_device(&intel(8));
+        assert_eq!((alchemist.subgroup_size, alchemist.expand_backward_subgroup_size), (16, 8));
+        assert_eq!((alchemist.splats_unrolled, alchemist.backward_splats_unrolled), (2, 1));
+        let battlemage = Variant::for_device(&intel(16));
+        assert_eq!((battlemage.subgroup_size, battlemage.expand_backward_subgroup_size), (16, 16));
+        // Its group of 256 threads is 32 subgroups of 8.
+        let few = DeviceCaps { max_workgroup_subgroups: 16, ..intel(8) };
+        assert_eq!(Variant::for_device(&few).expand_backward_subgroup_size, 16);
     }
 
     #[test]

@@ -208,7 +208,7 @@ impl BackwardBuffers {
         // Threads past the last strip of the last work-group write nothing.
         let strips = column_strips(plan.size_px) as usize;
         let moments = plan.capacities.intersections as usize * variant.blocks_per_tile() as usize;
-        let subgroups = if plan.poses { plan.slots / variant.subgroup_size } else { 1 };
+        let subgroups = if plan.poses { plan.slots / variant.expand_backward_subgroup_size } else { 1 };
         let colored = if plan.color_matrices { plan.slots } else { 1 };
         Ok(Self {
             cotangents: Buffer::new(gpu, "cotangents", pixels)?,

@@ -113,13 +113,18 @@ fn described(variant: &Variant) -> String {
         stage_splats,
         splats_unrolled,
         backward_splats_unrolled,
+        expand_backward_subgroup_size,
     } = variant;
     let matching = if *match_by_ballot { "ballots" } else { "shuffles" };
     let staging = if *stage_keys { " in shared memory" } else { "" };
     let sharing = if *stage_splats { "shared memory" } else { "shuffles" };
+    let narrower = match expand_backward_subgroup_size == subgroup_size {
+        true => String::new(),
+        false => format!(" ({expand_backward_subgroup_size} in the backward pass of the expansion)"),
+    };
     let moments = if *transpose_moments { "transposition" } else { "scattering" };
     format!(
-        "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}{staging}, \
+        "subgroup {subgroup_size}{narrower}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}{staging}, \
          blend {blend_workgroup_size}), tiles {tile_size}x{tile_size} (8x8 in training), backward sums by {moments}, \
          splats by {sharing} and unrolled {splats_unrolled} and {backward_splats_unrolled} at a time"
     )

@@ -27,15 +27,15 @@ pub enum Figure {
 }
 
 /// All figures, and what drivers call them: of RADV (AMD), NVK (NVIDIA), ANV (Intel), Turnip (Adreno) and NVIDIA's own driver, in
-/// this order where they differ. Names are compared without case, and several that one driver gives are added.
+/// this order where they differ, and last ANV's names in newer versions of Mesa. Names are compared without case, and several that one driver gives are added.
 const NAMES: [(Figure, &[&str]); 7] = [
     (Figure::Registers, &["vgprs", "number of gprs", "registers used", "register count"]),
-    (Figure::Spills, &["spilled vgprs", "spilled sgprs", "spills to memory", "spill count"]),
+    (Figure::Spills, &["spilled vgprs", "spilled sgprs", "spills to memory", "spill count", "spills"]),
     (Figure::ScratchBytes, &["scratch size", "slm size", "scratch memory size", "stack size"]),
     (Figure::Waves, &["subgroups per simd", "max warps/sm", "max waves per core"]),
     (Figure::CodeBytes, &["code size", "binary size"]),
     (Figure::Instructions, &["instructions", "instruction count"]),
-    (Figure::Cost, &["inverse throughput", "static cycle count", "cycle count"]),
+    (Figure::Cost, &["inverse throughput", "static cycle count", "cycle count", "cycles"]),
 ];
 
 /// What says nothing: of every kernel NVIDIA's driver 580 gives 64 GiB.
