@@ -27,7 +27,8 @@ pub enum Figure {
 }
 
 /// All figures, and what drivers call them: of RADV (AMD), NVK (NVIDIA), ANV (Intel), Turnip (Adreno) and NVIDIA's own driver, in
-/// this order where they differ, and last ANV's names in newer versions of Mesa. Names are compared without case, and several that one driver gives are added.
+/// this order where they differ, and last ANV's names in newer versions of Mesa. Names are compared without case, and several that
+/// one driver gives are added.
 const NAMES: [(Figure, &[&str]); 7] = [
     (Figure::Registers, &["vgprs", "number of gprs", "registers used", "register count"]),
     (Figure::Spills, &["spilled vgprs", "spilled sgprs", "spills to memory", "spill count", "spills"]),
