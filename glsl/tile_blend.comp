@@ -127,16 +127,16 @@ void main() {
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         uvec2 at = corner + pixel_step(p);
         Pixel pixel = pixels[p];
-        float last = pixel.t;
+        float alpha_or_t = pixel.t;
         if (last_slab) {
             float alpha = 1.0 - abs(pixel.t);
             pixel.color += abs(pixel.t) * background;
             pixel.depth = alpha > 0.0 ? pixel.depth / alpha : 0.0;
-            last = alpha;
+            alpha_or_t = alpha;
         }
         if (all(lessThan(at, size_px))) {
             uint i = at.y * size_px.x + at.x;
-            colors[i] = vec4(pixel.color, last);
+            colors[i] = vec4(pixel.color, alpha_or_t);
             depths[i] = vec2(pixel.depth, max(pixel.t, 0.0));
         }
     }

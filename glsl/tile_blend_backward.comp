@@ -79,8 +79,8 @@ SplatMoments sums_of_splat(Splat splat, vec2 center, inout Pixel pixels[PIXELS_P
     vec3 conic = conic_for_exp2(splat);
     vec3 by_color = vec3(0.0);
     // Of each column of this lane's pixels: s, s d.y and s d.y^2, with s = dL/dalpha alpha.
-    vec3 by_row[COLUMNS_PER_LANE];
-    [[unroll]] for (uint c = 0; c < COLUMNS_PER_LANE; ++c) by_row[c] = vec3(0.0);
+    vec3 column_sums[COLUMNS_PER_LANE];
+    [[unroll]] for (uint c = 0; c < COLUMNS_PER_LANE; ++c) column_sums[c] = vec3(0.0);
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         vec2 d = delta + vec2(pixel_step(p));
         float q = exponent(conic, d);
@@ -98,15 +98,15 @@ SplatMoments sums_of_splat(Splat splat, vec2 center, inout Pixel pixels[PIXELS_P
         pixels[p].t = mix(0.0, t_next, live);
         float sy = s * d.y;
         by_color += weight * pixels[p].g.rgb;
-        by_row[p % COLUMNS_PER_LANE] += vec3(s, sy, sy * d.y);
+        column_sums[p % COLUMNS_PER_LANE] += vec3(s, sy, sy * d.y);
     }
     // All pixels of a column have the same d.x.
     SplatMoments sum = SplatMoments(vec3[](by_color, vec3(0.0), vec3(0.0)));
     [[unroll]] for (uint c = 0; c < COLUMNS_PER_LANE; ++c) {
         float x = delta.x + float(c);
-        float sx = by_row[c].x * x;
-        sum.sums[1] += vec3(by_row[c].x, sx, by_row[c].y);
-        sum.sums[2] += vec3(sx * x, by_row[c].y * x, by_row[c].z);
+        float sx = column_sums[c].x * x;
+        sum.sums[1] += vec3(column_sums[c].x, sx, column_sums[c].y);
+        sum.sums[2] += vec3(sx * x, column_sums[c].y * x, column_sums[c].z);
     }
     return sum;
 }

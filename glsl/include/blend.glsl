@@ -62,7 +62,7 @@ vec3 conic_for_exp2(Splat splat) {
     return vec3(splat.a.zw, splat.b.x);
 }
 
-// log2 of alpha / opacity at `d` from a splat's mean, with its conic for exp2. A lane's pixels lie in one column (in two at four
+// log2 of alpha / opacity at `d` pixels from a splat's mean, with its conic for exp2. A lane's pixels lie in one column (in two at four
 // lanes), and what depends on d.x alone is the same in all of them: two products and two sums a pixel are left.
 float exponent(vec3 conic, vec2 d) {
     return conic.x * d.x * d.x + d.y * (conic.y * d.x + conic.z * d.y);

@@ -228,12 +228,10 @@ impl Variant {
             transpose_moments: caps.is_llvmpipe && subgroup_size <= 16,
             stage_splats: !caps.is_llvmpipe,
             // All of them with shuffles, so that these have constant lanes; some of them where code has to fit a cache.
-            splats_unrolled: if caps.is_llvmpipe {
-                subgroup_size
-            } else if narrow {
-                2
-            } else {
-                4
+            splats_unrolled: match (caps.is_llvmpipe, narrow) {
+                (true, _) => subgroup_size,
+                (false, true) => 2,
+                (false, false) => 4,
             },
             backward_splats_unrolled: match subgroup_size {
                 _ if narrow => 1,

@@ -54,7 +54,7 @@ pub struct FrameBuffers {
     pub tile_ranges: Buffer<[u32; 2]>,
     /// rgb over the background, and alpha, by pixel.
     pub colors: Buffer<[f32; 4]>,
-    /// Expected view depth and live transmittance, by pixel.
+    /// Expected view depth (in training nothing) and live transmittance, by pixel.
     pub depths: Buffer<[f32; 2]>,
     /// For frames in depth layers: chunks by depth.
     pub layer_bins: Buffer<u32>,

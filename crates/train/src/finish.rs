@@ -116,9 +116,11 @@ pub fn finish(gpu: &Arc<Gpu>, job: &FinishJob<'_>, mut on_step: impl FnMut()) ->
     for step in 0..job.steps {
         if step == held_from {
             std::mem::take(&mut sums).write_means(&mut scene);
-            scene = plan.rounded(&scene, job.to)?;
         }
         let rounded = plan.rounded(&scene, job.to)?;
+        if step == held_from {
+            scene.clone_from(&rounded);
+        }
         let schedule = Schedule {
             factor: coarseness * FINAL_FACTOR.powf(step as f64 / job.steps as f64),
             held: step >= held_from,
