@@ -116,21 +116,33 @@ void scatter(uint block, uint blocks, uint n) {
     }
 }
 
+// By round: a lane's key is behind so many others. Two to a word, since this is where the kernel needs most registers.
+const uint RANK_BITS = 16;
+uint ranks[(STAGED_ROUNDS + 1) / 2];
+
+void add_rank(uint round, uint more) {
+    ranks[round / 2] += more << (RANK_BITS * (round % 2));
+}
+
+uint rank_of(uint round) {
+    return ranks[round / 2] >> (RANK_BITS * (round % 2)) & ((1u << RANK_BITS) - 1);
+}
+
 // The same by way of shared memory.
 void sort_and_scatter(uint block, uint n) {
     uint table = gl_SubgroupID * RADIX_SIZE;
     uint first = block * BLOCK_SIZE + gl_SubgroupID * KEYS_PER_SUBGROUP + gl_SubgroupInvocationID;
-    uint keys[STAGED_ROUNDS], values[STAGED_ROUNDS], ranks[STAGED_ROUNDS];
+    uint keys[STAGED_ROUNDS];
     [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) {
         uint i = first + r * SUBGROUP_SIZE;
         keys[r] = i < n ? keys_in[i] : 0;
-        values[r] = i < n ? values_in[i] : 0;
     }
     for (uint d = gl_SubgroupInvocationID; d < RADIX_SIZE; d += SUBGROUP_SIZE) places[table + d] = 0;
     subgroupMemoryBarrierShared();
     subgroupBarrier();
     [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) {
-        ranks[r] = take_place(table, digit_of(keys[r]), first + r * SUBGROUP_SIZE < n);
+        if (r % 2 == 0) ranks[r / 2] = 0;
+        add_rank(r, take_place(table, digit_of(keys[r]), first + r * SUBGROUP_SIZE < n));
     }
     barrier();
     // From counts to places in the sorted block, and from the places of digits to how far they are from those.
@@ -139,13 +151,13 @@ void sort_and_scatter(uint block, uint n) {
         uint digit = first_digit + subgroup_thread();
         uint d = min(digit, RADIX_SIZE - 1);
         uint count = 0;
-        for (uint s = 0; s < SUBGROUPS; ++s) count += places[s * RADIX_SIZE + d];
+        [[dont_unroll]] for (uint s = 0; s < SUBGROUPS; ++s) count += places[s * RADIX_SIZE + d];
         uint total;
         uint place = smaller + workgroup_exclusive_sum(digit < RADIX_SIZE ? count : 0, total);
         smaller += total;
         if (digit < RADIX_SIZE) {
             digit_places[d] -= place;
-            for (uint s = 0; s < SUBGROUPS; ++s) {
+            [[dont_unroll]] for (uint s = 0; s < SUBGROUPS; ++s) {
                 uint in_subgroup = places[s * RADIX_SIZE + d];
                 places[s * RADIX_SIZE + d] = place;
                 place += in_subgroup;
@@ -153,17 +165,18 @@ void sort_and_scatter(uint block, uint n) {
         }
     }
     barrier();
-    [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) ranks[r] += places[table + digit_of(keys[r])];
+    [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) add_rank(r, places[table + digit_of(keys[r])]);
     barrier();
     // The table has been read: its room is the block's.
     [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) {
-        if (first + r * SUBGROUP_SIZE < n) places[ranks[r]] = keys[r];
+        if (first + r * SUBGROUP_SIZE < n) places[rank_of(r)] = keys[r];
     }
     barrier();
     [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) keys[r] = places[r * WORKGROUP_SIZE + gl_LocalInvocationID.x];
     barrier();
     [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) {
-        if (first + r * SUBGROUP_SIZE < n) places[ranks[r]] = values[r];
+        uint i = first + r * SUBGROUP_SIZE;
+        if (i < n) places[rank_of(r)] = values_in[i];
     }
     barrier();
     uint end = min(n - min(n, block * BLOCK_SIZE), BLOCK_SIZE);
