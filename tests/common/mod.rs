@@ -7,7 +7,6 @@ pub(crate) mod dataset;
 pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gpu_gradients;
-pub(crate) mod paddock;
 pub(crate) mod program;
 pub(crate) mod random_scene;
 pub(crate) mod scale;

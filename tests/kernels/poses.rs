@@ -215,7 +215,7 @@ fn many_steps_agree_with_the_twin() {
     assert_silent(&gpu);
 }
 
-/// After 100,000 steps a place is still a similarity to the precision of f32. Measured: 2e-7.
+/// After 30,000 steps, as many as a long run has, a place is still a similarity to the precision of f32. Measured: 2e-7.
 #[test]
 fn places_stay_similarities() {
     let Some(gpu) = gpu() else { return };
@@ -229,7 +229,7 @@ fn places_stay_similarities() {
         g
     });
     let gradients = [device.upload(&up), device.upload(&down)];
-    for batch in 0..100 {
+    for batch in 0..30 {
         for step in 1000 * batch..1000 * (batch + 1) {
             device.record(&gradients[step as usize / 10 % 2], step + 1);
         }

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command as Process;
 
+use super::made_once::synth;
 use crate::common::program::{built, error_of, program, skips_gpu};
 use instgs_blocks::Plan;
 use instgs_io::{Split, load_scene, read_views};
@@ -12,9 +13,7 @@ use serde_json::Value;
 
 /// Eight cars in 24 small photos, below `folder/a lot`: a name with a space.
 fn lot(folder: &Path) {
-    let mut synth = program();
-    synth.args(["synth", "lot", "--views", "24", "--size", "96x54", "--instances", "8", "--out"]);
-    synth.arg(folder.join("a lot")).assert().success();
+    synth(&["lot", "--views", "24", "--size", "96x54", "--instances", "8"], &folder.join("a lot"));
 }
 
 fn json(command: &mut assert_cmd::Command) -> Value {

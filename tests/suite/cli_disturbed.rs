@@ -6,21 +6,17 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::dataset::{photograph, write_points};
-use crate::common::paddock::embedded_scene;
 use crate::common::program::{built, error_of, program, skips_gpu};
+use crate::made_once::car_park;
 use assert_cmd::Command;
 use instgs_io::{checkpoint, read_exposures};
-use instgs_vk::scene::trajectory::Orbit;
 use serde_json::Value;
 
 /// A folder with `data`: 12 photos, two of them for test, and points.
 fn folder() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path().to_path_buf();
-    let scene = embedded_scene();
-    photograph(program(), &scene, &Orbit::around(&scene, None).cameras(12, (96, 54)), &at);
-    write_points(&scene.flatten(), 20, &at.join("data/points3d.ply"));
+    car_park(12, (96, 54), &at);
     (folder, at)
 }
 

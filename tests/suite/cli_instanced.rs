@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use super::made_once::synth;
 use crate::common::program::{built, program, skips_gpu};
 use assert_cmd::Command;
 use instgs_io::checkpoint::{self, Checkpoint};
@@ -16,19 +17,21 @@ use serde_json::Value;
 fn folder() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path().to_path_buf();
-    let mut synth = program();
-    synth.args(["synth", "cars", "--views", "16", "--size", "96x54", "--instances", "3", "--pose-noise", "2:0.02"]);
-    synth.arg("--out").arg(at.join("data")).assert().success();
+    let cars = ["cars", "--views", "16", "--size", "96x54", "--instances", "3", "--pose-noise", "2:0.02"];
+    synth(&cars, &at.join("data"));
     (folder, at)
 }
 
 fn train(at: &Path, out: &str, more: &[&str]) -> Command {
     let mut command = program();
     command.args(["train", "--data"]).arg(at.join("data")).arg("--out").arg(at.join(out));
-    command.args(["--config", "instgs_quick", "--steps", "120", "--joint-steps", "60", "--groups"]);
+    command.args(FEW).args(["--steps", "120", "--joint-steps", "60", "--groups"]);
     command.arg(at.join("data/groups_noisy.json")).args(more);
     command
 }
+
+/// The configuration, with so few Gaussians that steps are short.
+const FEW: [&str; 4] = ["--config", "instgs_quick", "--max-gaussians", "6000"];
 
 fn json(path: PathBuf) -> Value {
     serde_json::from_slice(&fs::read(&path).unwrap()).unwrap()
@@ -111,7 +114,7 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         "densify.start=15",
         "densify.every=10",
         "joint.grow_fraction=0.8",
-        "joint.max_expanded=1.5",
+        "joint.max_expanded=2",
         "joint.own_share=0.4",
         "joint.color_matrix_rate=1e-3",
         "exposure.rate=1e-2",
@@ -130,7 +133,8 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         .arg(at.join("data"))
         .arg("--out")
         .arg(at.join("b"))
-        .args(["--config", "instgs_quick", "--steps", "120", "--joint-steps", "60", "--groups"])
+        .args(FEW)
+        .args(["--steps", "120", "--joint-steps", "60", "--groups"])
         .arg(at.join("data/groups_noisy.json"))
         .args(&every)
         .stdout(std::process::Stdio::null())
@@ -222,7 +226,7 @@ fn objects_are_registered_without_groups() {
     let (_folder, at) = folder();
     let mut command = program();
     command.args(["train", "--method", "instgs", "--data"]).arg(at.join("data")).arg("--out").arg(at.join("run"));
-    command.args(["--config", "instgs_quick", "--steps", "120", "--joint-steps", "10"]).assert().success();
+    command.args(FEW).args(["--steps", "120", "--joint-steps", "10"]).assert().success();
     let report = json(at.join("run/report.json"));
     let registered = report["registration"].as_array().unwrap();
     assert_eq!(registered.len(), 3);
@@ -258,7 +262,9 @@ fn bad_input_is_named() {
     }
     let (_folder, at) = folder();
     let mut plain = program();
-    plain.args(["train", "--steps", "60", "--config", "quick", "--data"]).arg(at.join("data"));
+    plain
+        .args(["train", "--steps", "60", "--config", "quick", "--max-gaussians", "6000", "--data"])
+        .arg(at.join("data"));
     plain.arg("--out").arg(at.join("plain")).assert().success();
     let cloud = at.join("plain/point_cloud.ply").display().to_string();
     let start = ["--init", cloud.as_str()];
@@ -268,7 +274,7 @@ fn bad_input_is_named() {
     let strangers = at.join("strangers.json");
     write_groups(&strangers, &groups).unwrap();
     let mut other = program();
-    other.args(["train", "--method", "instgs", "--config", "instgs_quick", "--data"]).arg(at.join("data")).args(start);
+    other.args(["train", "--method", "instgs", "--data"]).arg(at.join("data")).args(FEW).args(start);
     other.args(["--joint-steps", "10", "--groups"]).arg(&strangers).arg("--out").arg(at.join("x2"));
     let text = String::from_utf8(other.assert().success().get_output().stderr.clone()).unwrap();
     assert!(text.contains("nothing is shared") && text.contains("same ids"), "{text}");
@@ -293,7 +299,8 @@ fn the_comparison_has_all_its_rows_and_is_not_done_twice() {
     let (_folder, at) = folder();
     let command = || {
         let mut command = program();
-        command.args(["compare", "--json", "--config", "instgs_quick", "--set", "steps=60", "--set", "joint.steps=30"]);
+        command.args(["compare", "--json", "--config", "instgs_quick", "--set", "max_gaussians=6000"]);
+        command.args(["--set", "steps=60", "--set", "joint.steps=30"]);
         command.args(["--seeds", "3,4", "--frames", "2", "--more-steps", "30", "--data"]).arg(at.join("data"));
         command.arg("--groups").arg(at.join("data/groups_noisy.json")).arg("--out").arg(at.join("c"));
         command
@@ -353,7 +360,7 @@ config = "instgs_quick"
 [sizes.ci]
 views = 16
 pixels = [96, 54]
-set = ["steps=40", "joint.steps=20"]
+set = ["steps=40", "joint.steps=20", "max_gaussians=6000"]
 more_steps = 20
 frames = 2
 [[scenes]]

@@ -6,11 +6,8 @@ use std::path::Path;
 use assert_cmd::Command;
 use serde_json::Value;
 
-use crate::common::dataset::{photograph, write_points};
-use crate::common::paddock::embedded_scene;
 use crate::common::program::{built, error_of, program, skips_gpu};
-use instgs_vk::scene::Camera;
-use instgs_vk::scene::trajectory::Orbit;
+use crate::made_once::car_park;
 
 const VIEWS: u32 = 16;
 const SIZE: (u32, u32) = (128, 72);
@@ -19,10 +16,7 @@ const SIZE: (u32, u32) = (128, 72);
 /// one has the ids 1 and 2, the other 1 to 3.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let scene = embedded_scene();
-    let cameras: Vec<Camera> = Orbit::around(&scene, None).cameras(VIEWS, SIZE);
-    photograph(program(), &scene, &cameras, folder.path());
-    write_points(&scene.flatten(), 20, &folder.path().join("data/points3d.ply"));
+    car_park(VIEWS, SIZE, folder.path());
     let masks = folder.path().join("data/masks");
     fs::create_dir(&masks).unwrap();
     for (name, ids) in [("001.png", 2), ("002.png", 3)] {

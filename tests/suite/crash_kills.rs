@@ -11,8 +11,9 @@ use instgs_vk::math::rng::Rng;
 
 use crate::common::chairs::chairs;
 use crate::common::crash::{End, kill_within, rounds, run_whole, temporaries};
-use crate::common::program::{program, skips_gpu};
+use crate::common::program::skips_gpu;
 use crate::disturbed::{instgs_vk, photos, training};
+use crate::made_once::synth;
 
 /// A folder with a file of chairs as `old.instgs`.
 fn chairs_in_a_folder() -> (tempfile::TempDir, PathBuf) {
@@ -129,9 +130,8 @@ fn a_cloud_is_trained_through_kills() {
 
 /// A data set of three cars, as small as registration allows.
 fn cars(at: &Path) {
-    let mut synth = program();
-    synth.args(["synth", "cars", "--views", "16", "--size", "96x54", "--instances", "3", "--pose-noise", "2:0.02"]);
-    synth.arg("--out").arg(at.join("data")).assert().success();
+    let cars = ["cars", "--views", "16", "--size", "96x54", "--instances", "3", "--pose-noise", "2:0.02"];
+    synth(&cars, &at.join("data"));
 }
 
 /// Kills a run on the data set of [`cars`], whose poses are known but not exact; `command_line` is the command with

@@ -3,11 +3,8 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use instgs_vk::scene::trajectory::Orbit;
-
-use crate::common::dataset::{photograph, write_points};
-use crate::common::paddock::embedded_scene;
-use crate::common::program::{built, program, repository};
+use crate::common::program::{built, repository};
+use crate::made_once::car_park;
 
 /// The program, undisturbed. A plain command: it is killed, or run by another program.
 pub(crate) fn instgs_vk() -> Command {
@@ -18,9 +15,7 @@ pub(crate) fn instgs_vk() -> Command {
 
 /// A data set of 12 small photos as `data`.
 pub(crate) fn photos(at: &Path) {
-    let scene = embedded_scene();
-    photograph(program(), &scene, &Orbit::around(&scene, None).cameras(12, (96, 54)), at);
-    write_points(&scene.flatten(), 20, &at.join("data/points3d.ply"));
+    car_park(12, (96, 54), at);
 }
 
 /// A training of a small plain cloud from the photos in `at` into a folder there, or what is left of it; `settings` say how long.

@@ -51,8 +51,10 @@ mod io_datasets;
 mod io_glb;
 mod io_own_datasets;
 mod io_real_files;
+mod made_once;
 #[cfg(feature = "onnx")]
 mod onnx;
+mod paddock;
 mod register;
 mod register_render;
 mod segment;

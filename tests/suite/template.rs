@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::common::paddock::{embedded_scene, push_disc};
+use crate::paddock::{embedded_scene, push_disc};
 use glam::{DMat3, DVec3};
 use instgs_objects::template::{
     Built, InstanceReport, Keep, OffsetInit, OffsetKinds, Sampling, TemplateError, TemplateOptions, TemplateSource,
