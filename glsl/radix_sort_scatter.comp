@@ -116,7 +116,8 @@ void scatter(uint block, uint blocks, uint n) {
     }
 }
 
-// By round: a lane's key is behind so many others. Two to a word, since this is where the kernel needs most registers.
+// By round, the place of a lane's key: first among its subgroup's keys of the digit, then in the sorted block. Two to a word: a
+// place is below BLOCK_SIZE, and it is here that 16 lanes of an Intel GPU run out of registers.
 const uint RANK_BITS = 16;
 uint ranks[(STAGED_ROUNDS + 1) / 2];
 
@@ -151,6 +152,7 @@ void sort_and_scatter(uint block, uint n) {
         uint digit = first_digit + subgroup_thread();
         uint d = min(digit, RADIX_SIZE - 1);
         uint count = 0;
+        // Unrolled, the counts of all subgroups would be read at once, into registers that are not there.
         [[dont_unroll]] for (uint s = 0; s < SUBGROUPS; ++s) count += places[s * RADIX_SIZE + d];
         uint total;
         uint place = smaller + workgroup_exclusive_sum(digit < RADIX_SIZE ? count : 0, total);
@@ -176,6 +178,7 @@ void sort_and_scatter(uint block, uint n) {
     barrier();
     [[unroll]] for (uint r = 0; r < STAGED_ROUNDS; ++r) {
         uint i = first + r * SUBGROUP_SIZE;
+        // Read no earlier, or they would take registers from the first round on.
         if (i < n) places[rank_of(r)] = values_in[i];
     }
     barrier();
