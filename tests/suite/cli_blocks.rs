@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command as Process;
 
-use super::made_once::synth;
 use crate::common::program::{built, error_of, program, skips_gpu};
+use crate::made_once::synth;
 use instgs_blocks::Plan;
 use instgs_io::{Split, load_scene, read_views};
 use instgs_vk::math::sh::widened;

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::made_once::synth;
 use crate::common::program::{built, program, skips_gpu};
+use crate::made_once::three_cars;
 use assert_cmd::Command;
 use instgs_io::checkpoint::{self, Checkpoint};
 use instgs_io::{load_scene, read_exposures, read_groups, write_groups};
@@ -17,8 +17,7 @@ use serde_json::Value;
 fn folder() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path().to_path_buf();
-    let cars = ["cars", "--views", "16", "--size", "96x54", "--instances", "3", "--pose-noise", "2:0.02"];
-    synth(&cars, &at.join("data"));
+    three_cars(&at.join("data"));
     (folder, at)
 }
 

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::made_once::{once, synth};
 use crate::common::program::{error_of, program, skips_gpu};
+use crate::made_once::{once, synth};
 use assert_cmd::Command;
 use instgs_io::{Mask, load_scene, read_groups, read_mask, write_mask};
 use instgs_vk::scene::InstancedScene;

@@ -13,7 +13,7 @@ use crate::common::chairs::chairs;
 use crate::common::crash::{End, kill_within, rounds, run_whole, temporaries};
 use crate::common::program::skips_gpu;
 use crate::disturbed::{instgs_vk, photos, training};
-use crate::made_once::synth;
+use crate::made_once::three_cars;
 
 /// A folder with a file of chairs as `old.instgs`.
 fn chairs_in_a_folder() -> (tempfile::TempDir, PathBuf) {
@@ -128,13 +128,7 @@ fn a_cloud_is_trained_through_kills() {
     killed_run(at, rounds(3), &start, &results, &mut Rng::new(2));
 }
 
-/// A data set of three cars, as small as registration allows.
-fn cars(at: &Path) {
-    let cars = ["cars", "--views", "16", "--size", "96x54", "--instances", "3", "--pose-noise", "2:0.02"];
-    synth(&cars, &at.join("data"));
-}
-
-/// Kills a run on the data set of [`cars`], whose poses are known but not exact; `command_line` is the command with
+/// Kills a run on the data set of [`three_cars`], whose poses are known but not exact; `command_line` is the command with
 /// what it needs besides.
 fn killed_run_of_cars(kills: usize, command_line: &[&str], results: &[&str], seed: u64) {
     if skips_gpu() {
@@ -142,7 +136,7 @@ fn killed_run_of_cars(kills: usize, command_line: &[&str], results: &[&str], see
     }
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    cars(at);
+    three_cars(&at.join("data"));
     let start = |out: &str| {
         let mut run = instgs_vk();
         run.args(command_line).args(["--config", "instgs_quick"]).arg("--data").arg(at.join("data"));

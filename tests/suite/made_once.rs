@@ -43,6 +43,11 @@ pub(super) fn synth(arguments: &[&str], to: &Path) {
     });
 }
 
+/// Has `to` be a data set of three cars in 16 photos, as small as registration allows, and of poses that are off.
+pub(super) fn three_cars(to: &Path) {
+    synth(&["cars", "--views", "16", "--size", "96x54", "--instances", "3", "--pose-noise", "2:0.02"], to);
+}
+
 /// Has `at/data` be so many photos of the embedded car park, every eighth of them for test, and points; `size_px` is (width,
 /// height). The scene and its cameras are beside it.
 pub(super) fn car_park(views: u32, size_px: (u32, u32), at: &Path) {
