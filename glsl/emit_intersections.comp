@@ -32,7 +32,7 @@ layout(scalar, binding = 4) readonly buffer Counters { uint counters[]; };      
 layout(scalar, binding = 5) writeonly buffer TileKeys { uint tile_keys[]; };            // tile of the intersection
 layout(scalar, binding = 6) writeonly buffer IsectValues { uint isect_values[]; };      // slot of the intersection; TRAINING: its emission index
 layout(scalar, binding = 7) writeonly buffer EmissionSlots { uint slot_from_emission[]; };  // TRAINING: slot of the intersection before the sort
-layout(scalar, binding = 8) writeonly buffer FirstEmissions { uint first_emission[]; };  // TRAINING: first emission index by slot
+layout(scalar, binding = 8) writeonly buffer EmissionRanges { EmissionRange emission_ranges[]; };  // TRAINING: by slot
 layout(scalar, binding = 9) readonly buffer ClosedRuns { uint closed_runs[]; };          // LAYERED: closed tiles to the right
 layout(scalar, push_constant) uniform EmitParams {
     uvec2 tiles;    // tile columns and rows
@@ -57,9 +57,9 @@ void main() {
     if (order >= counters[COUNTER_SLAB_END]) return;
     uint slot = slot_from_order[order];
     Footprint f = footprints[slot];
-    uint next = isect_offsets[order];
-    if (training != 0) first_emission[slot] = next;
-    uint end = min(next + tile_counts[slot], capacity);
+    uint next = min(isect_offsets[order], capacity);
+    uint end = next + min(tile_counts[slot], capacity - next);
+    if (training != 0) emission_ranges[slot] = EmissionRange(next, end);
     uvec2 rows = tile_rows(f, tiles.y);
     for (uint row = rows.x; row < rows.y; ++row) {
         uvec2 columns = tile_columns(f, row, tiles.x);

@@ -35,8 +35,7 @@ layout(scalar, binding = 2) readonly buffer Counters { uint counters[]; };      
 layout(scalar, binding = 3) readonly buffer SurvivorCounts { uint survivor_counts[]; };             // survivors per work item
 layout(scalar, binding = 4) readonly buffer Footprints { Footprint footprints[]; };                 // index in the template, by slot
 layout(scalar, binding = 5) readonly buffer Splats { Splat splats[]; };                             // projected splats by slot
-layout(scalar, binding = 6) readonly buffer FirstEmissions { uint first_emission[]; };              // first emission index by slot
-layout(scalar, binding = 7) readonly buffer TileCounts { uint tile_counts[]; };                     // emissions by slot
+layout(scalar, binding = 6) readonly buffer EmissionRanges { EmissionRange emission_ranges[]; };     // by slot
 layout(scalar, binding = 8) readonly buffer IsectMoments { SplatMoments isect_moments[]; };         // by emission index times blocks of a tile plus block
 layout(scalar, binding = 9) readonly buffer Means { vec3 means[]; };                                // source means
 layout(scalar, binding = 10) readonly buffer OffsetMeans { vec3 offset_means[]; };                  // mean offsets, template frame
@@ -59,7 +58,7 @@ layout(scalar, binding = 28) writeonly buffer OffsetQuatGradients { vec4 offset_
 layout(scalar, binding = 24) readonly buffer ColorMatrices { vec4 color_from_template[]; };          // rows of (M | b) by instance, if any
 layout(scalar, binding = 25) writeonly buffer ColorTermLists { ColorTerms color_terms[]; };          // as shape_gradients, if any
 layout(scalar, binding = 29) readonly buffer Sh0 { vec3 sh0[]; };                                   // source SH band 0, 1 per Gaussian
-layout(scalar, binding = 30) readonly buffer OffsetShDc { vec3 offset_sh_dc[]; };                   // offsets of SH coefficient 0
+layout(scalar, binding = 7) readonly buffer OffsetShDc { vec3 offset_sh_dc[]; };                   // offsets of SH coefficient 0
 layout(scalar, push_constant) uniform ExpandBackwardParams {
     View view;             // the camera
     uint capacity;         // emissions that fit the buffers
@@ -98,9 +97,9 @@ SplatMoments sum_by_subgroup(uint first, uint end) {
 SplatMoments total_moments(uint slot, bool has_splat) {
     uint first = 0, end = 0;
     if (has_splat) {
-        first = min(first_emission[slot], capacity);
-        end = min(first + tile_counts[slot], capacity) * blocks_per_tile;
-        first *= blocks_per_tile;
+        EmissionRange range = emission_ranges[slot];
+        first = min(range.first, capacity) * blocks_per_tile;
+        end = min(range.end, capacity) * blocks_per_tile;
     }
     SplatMoments total = NO_MOMENTS;
     bool is_long = end - first > LONG_LIST;

@@ -181,7 +181,7 @@
 //!
 //! - [`gpu::Gpu::from_raw`] takes instance, device and queue, and destroys none of them. The device needs Vulkan 1.3 with the
 //!   features of [`gpu::RawDevice::required_features`] (and subgroup vote, ballot and shuffle in compute), and no extension but
-//!   `VK_KHR_portability_subset` where it is offered. Drawing needs 23 storage buffers per stage, training 31; what lacks
+//!   `VK_KHR_portability_subset` where it is offered. Drawing needs 23 storage buffers per stage, training 30; what lacks
 //!   them fails when the first kernel that needs more is made, and names it.
 //! - The queue is shared: uploads, downloads and [`render::Renderer::render`] submit to it, each under the caller's
 //!   [`gpu::QueueLock`], or while the caller leaves the queue alone.

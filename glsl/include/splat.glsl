@@ -15,6 +15,12 @@ struct Footprint {
     uint local;        // index of the Gaussian in its template
 };
 
+// The emissions of a splat, which are its tiles in ascending order.
+struct EmissionRange {
+    uint first;  // emission index
+    uint end;    // one past the last
+};
+
 layout(constant_id = 2) const uint TILE_SIZE = 8;
 
 // Tile rows [x, y) that the bounding box reaches, of `rows` in the image.

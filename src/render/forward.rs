@@ -355,7 +355,7 @@ pub(super) fn record_lists(
         tile_keys: &mut frame.tile_sort.keys,
         isect_values: &mut frame.tile_sort.values,
         slot_from_emission: &mut frame.slot_from_emission,
-        first_emission: &mut frame.first_emission,
+        emission_ranges: &mut frame.emission_ranges,
         closed_runs: &frame.closed_runs,
     };
     let params = emit_intersections::Params { tiles: plan.tiles, capacity: plan.capacities.intersections };

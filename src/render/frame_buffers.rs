@@ -48,8 +48,8 @@ pub struct FrameBuffers {
     pub tile_sort: SortBuffers,
     /// Training: slot of each intersection before the sort; else one element.
     pub slot_from_emission: Buffer<u32>,
-    /// Training: first intersection of each slot before the sort; else one element.
-    pub first_emission: Buffer<u32>,
+    /// Training: intersections of each slot before the sort; else one element.
+    pub emission_ranges: Buffer<types::EmissionRange>,
     /// First and end intersection of each tile.
     pub tile_ranges: Buffer<[u32; 2]>,
     /// rgb over the background, and alpha, by pixel.
@@ -97,7 +97,7 @@ impl FrameBuffers {
             isect_offsets: Buffer::new(gpu, "isect_offsets", slots)?,
             tile_sort: SortBuffers::new(gpu, "tile sort", plan.capacities.intersections as usize)?,
             slot_from_emission: Buffer::new(gpu, "slot_from_emission", if plan.training { emissions } else { 1 })?,
-            first_emission: Buffer::new(gpu, "first_emission", if plan.training { slots } else { 1 })?,
+            emission_ranges: Buffer::new(gpu, "emission_ranges", if plan.training { slots } else { 1 })?,
             tile_ranges: Buffer::new(gpu, "tile_ranges", plan.tile_count() as usize)?,
             colors: Buffer::new(gpu, "colors", plan.pixels() as usize)?,
             depths: Buffer::new(gpu, "depths", plan.pixels() as usize)?,

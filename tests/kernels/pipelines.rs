@@ -8,6 +8,15 @@ use instgs_vk::kernels::{Variant, compile_every_pipeline};
 
 use crate::common::gpu::{assert_silent, gpu};
 
+/// SwiftShader has no more, and Metal's 31 are little more. Most test runs are on drivers that bind far more, and would not notice.
+#[test]
+fn no_kernel_needs_more_than_30_storage_buffers() {
+    for shader in ALL_SHADERS {
+        let needed = shader.bindings.len();
+        assert!(needed <= 30, "{} needs {needed}", shader.name);
+    }
+}
+
 #[test]
 fn every_kernel_is_compiled_and_only_those_with_subgroups_require_a_size() {
     let Some(shared) = gpu() else { return };

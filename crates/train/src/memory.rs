@@ -5,6 +5,7 @@ use super::device_state::DeviceState;
 use super::facts::MemoryUse;
 use super::step_runner::StepRunner;
 use super::views::TrainViews;
+use instgs_vk::gpu::interface::types;
 use instgs_vk::render::plan;
 use instgs_vk::scene::gaussians::sh_coefficients;
 
@@ -22,7 +23,7 @@ const VALUES_WITHOUT_SH: u64 = 3 + 4 + 3 + 1;
 /// Bytes of the statistics of densification for each Gaussian.
 const STATISTICS_BYTES: u64 = 12;
 /// Bytes of a slot: those of [`per_slot_bytes`], and the gradient of its source.
-const SLOT_BYTES: u64 = 172;
+const SLOT_BYTES: u64 = 176;
 /// Bytes of a pixel of the picture that is compared: colours, depths, cotangents and the windows of SSIM.
 const PIXEL_BYTES: u64 = 160;
 
@@ -66,9 +67,9 @@ pub fn planned_uses(config: &TrainConfig, pictures_px: &[[u32; 2]], heap_bytes: 
     uses.into_iter().map(of).chain([pictures]).collect()
 }
 
-/// Bytes of a slot of a frame in training, which has its first emission too.
+/// Bytes of a slot of a frame in training, which has the range of its emissions too.
 const fn per_slot_bytes() -> u64 {
-    plan::SLOT_BYTES + 4
+    plan::SLOT_BYTES + size_of::<types::EmissionRange>() as u64
 }
 
 /// The uses that make up nearly all of the device's memory; each is `count` times `bytes_each`.
