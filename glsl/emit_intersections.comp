@@ -4,7 +4,8 @@
 // - Reads `slot_from_order` and `isect_offsets` (by index in depth order), `footprints` and `tile_counts` (by slot),
 //   and `counters` for the slab's begin and end.
 // - Writes `tile_keys` (row-major tile index) and `slot_from_isect`, both by intersection,
-//   `0..COUNTER_SLAB_INTERSECTIONS`.
+//   `0..COUNTER_SLAB_INTERSECTIONS`. TRAINING: the latter are emission indices, and it writes `slot_from_emission`, and
+//   `emission_ranges` by slot, for the backward pass.
 // - Grid: one thread per splat of the slab, indirect (`FAMILY_SLAB_SPLATS`, `ARGS_THREADS`).
 // - Bytes per splat: 40 read (slot 4, offset 4, count 4, footprint 28); 8 written per intersection.
 // - Guarantees: pairs are in depth order, within a splat by ascending tile, so the stable sort by tile leaves every

@@ -8,7 +8,7 @@ use instgs_vk::kernels::{Variant, compile_every_pipeline};
 
 use crate::common::gpu::{assert_silent, gpu};
 
-/// SwiftShader has no more, and Metal's 31 are little more. Most test runs are on drivers that bind far more, and would not notice.
+/// SwiftShader binds no more in a stage, Metal 31. Most test runs are on drivers that bind far more, and would not notice.
 #[test]
 fn no_kernel_needs_more_than_30_storage_buffers() {
     for shader in ALL_SHADERS {
