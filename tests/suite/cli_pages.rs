@@ -132,6 +132,44 @@ fn a_scene_in_pages_is_evaluated() {
 }
 
 #[test]
+fn frames_of_a_scene_in_pages_are_timed() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = exported(folder.path(), &["--pages", "--pack", "f16"]);
+    let file = folder.path().join("cameras.json");
+    write_cameras(&file, &cameras()).unwrap();
+    let bench = |more: &[&str]| {
+        let mut command = program();
+        command.env("INSTGS_VALIDATION", "1").args(["bench", "--json", "--frames", "4", "--scene"]).arg(&scene);
+        command.arg("--camera").arg(&file).args(more);
+        command
+    };
+    let (whole, _) = report(&mut bench(&[]));
+    let (in_pages, warnings) = report(&mut bench(&["--host-memory-mb", "1"]));
+    assert!(!warnings.contains("coarser"), "{warnings}");
+    assert_eq!(in_pages["gaussians"], whole["gaussians"]);
+    for (camera, as_whole) in (0..3).map(|k| (&in_pages["cameras"][k], &whole["cameras"][k])) {
+        assert!(camera["visible"].as_u64() > Some(1_000), "{camera}");
+        assert_eq!(camera["visible"], as_whole["visible"]);
+    }
+    // Less of it is in memory, and no view saw it coarser.
+    let bytes = |report: &Value, of: &str| report["bytes"][of].as_u64().unwrap();
+    assert!(bytes(&in_pages, "host") < bytes(&whole, "host") / 3, "{in_pages}");
+    assert_eq!((in_pages.get("coarser_views"), whole.get("coarser_views")), (None, None));
+    // Each camera is drawn several times, and counted once.
+    let (coarser, warnings) = report(&mut bench(&["--host-memory-mb", "1", "--device-memory-mb", "6"]));
+    assert_eq!(coarser["coarser_views"].as_u64(), Some(3), "{coarser}");
+    assert!(warnings.contains("3 of 3 views"), "{warnings}");
+    for flag in [&["--lod", "1"][..], &["--against", scene.to_str().unwrap()]] {
+        let output = bench(&[flag, &["--host-memory-mb", "1"]].concat()).assert().failure().get_output().clone();
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(error.contains(&format!("{} measures scenes as a whole", flag[0])), "{error}");
+    }
+}
+
+#[test]
 fn what_has_no_pages_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let scene = exported(folder.path(), &[]);

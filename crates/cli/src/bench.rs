@@ -1,30 +1,38 @@
 //! `instgs-vk bench`: the flags of the measurement, and its report as a table. [`instgs_eval::bench`] measures.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::bench_report::print_report;
+use super::followed::{Followed, is_none};
 use instgs_console::args::{
-    JsonArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, open_scene_to_draw, parse_lod, parse_precision,
+    HostMemoryArgs, JsonArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, parse_lod, parse_precision,
 };
 use instgs_console::device::{self, DeviceArgs};
+use instgs_console::opened::{CoarserViews, OpenedScene};
 use instgs_console::{CliError, Printer};
-use instgs_eval::bench::{self, MeasurePhase, Subject};
-use instgs_io::LoadedScene;
+use instgs_eval::Counts;
+use instgs_eval::bench::{self, MeasurePhase, Report, Subject};
+use instgs_vk::gpu::Gpu;
 use instgs_vk::render::RenderOptions;
-use instgs_vk::scene::DevicePrecision;
+use instgs_vk::scene::{DevicePrecision, InstancedScene};
 
 /// Measures frame time and memory of a scene, alone or side by side with another one.
 ///
 /// Frames are timed from recording to their end on the device, without read-back, after warm-up frames; with --against
 /// the two scenes take turns frame by frame. Ratios above 1 mean that the scene is better than the other.
+///
+/// A scene with pages that memory is too short for is timed as `render` draws it: pages are read before a frame's time begins. A
+/// warning, and coarser_views in JSON, say how many cameras see it coarser because its pages have no room.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk bench --scene garden.ply --camera cameras.json --frames 30\n  \
     instgs-vk bench --scene room.instgs --against room.ply --orbit 8 --size 640x360 --json report.json\n  \
     instgs-vk bench --scene room.instgs --against room.instgs --against-precision f32 --data room\n  \
-    instgs-vk bench --scene room.instgs --data room --lod 1,2,4")]
+    instgs-vk bench --scene room.instgs --data room --lod 1,2,4\n  \
+    instgs-vk bench --scene city.instgs --camera flight.json --host-memory-mb 1000 --device-memory-mb 1000")]
 pub(super) struct BenchArgs {
     /// Scene to measure: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
@@ -51,54 +59,117 @@ pub(super) struct BenchArgs {
     #[command(flatten)]
     pub(super) memory: MemoryArgs,
     #[command(flatten)]
+    host_memory: HostMemoryArgs,
+    #[command(flatten)]
     pub(super) json: JsonArgs,
 }
 
+/// What `--json` writes.
+#[derive(serde::Serialize)]
+struct BenchOutput<'a> {
+    #[serde(flatten)]
+    report: &'a Report,
+    /// Number of cameras whose pages had no room, so that they see the scene coarser than it is; left out if there are none.
+    #[serde(skip_serializing_if = "is_none")]
+    coarser_views: usize,
+}
+
 pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let loaded = open_scene_to_draw(&args.scene, printer)?;
+    let open = |path: &Path| OpenedScene::open_warned(path, args.host_memory.of_scenes(), printer);
+    let opened = open(&args.scene)?;
     if !args.lod.is_empty() {
-        return super::bench_lod::run(args, &loaded, device_args.choice(), printer);
+        let OpenedScene::Whole(loaded) = &opened else { return Err(left_in_pages(&args.scene, "--lod")) };
+        return super::bench_lod::run(args, loaded, device_args.choice(), printer);
     }
-    let loaded_against = args.against.as_deref().map(|path| open_scene_to_draw(path, printer)).transpose()?;
-    let cameras = args.views.cameras(&loaded.scene, args.look.options(&loaded.scene).near, printer)?;
+    let opened_against = args.against.as_deref().map(open).transpose()?;
+    let cameras = args.views.cameras(opened.scene(), args.look.options(opened.scene()).near, printer)?;
     if cameras.len() > args.frames as usize {
         let (frames, count) = (args.frames, cameras.len());
         printer.warning(format_args!("{frames} frames are too few for {count} cameras: the first {frames} are timed"));
     }
     let gpu = device::open(device_args.choice())?;
     args.memory.limit(&gpu);
-    let scene = subject(args, &args.scene, &loaded, args.precision.precision());
-    let against = args.against.as_deref().zip(loaded_against.as_ref());
-    let against_precision = args.against_precision.unwrap_or(args.precision.precision());
-    let against = against.map(|(path, loaded)| subject(args, path, loaded, against_precision));
+    let coarser = Cell::new(CoarserViews::default());
+    let precision = args.precision.precision();
+    let against_precision = args.against_precision.unwrap_or(precision);
+    let timed = cameras.len().min(args.frames as usize);
+    let (scene, against) = match (&args.against, &opened_against) {
+        (Some(path), Some(opened_against)) => {
+            let first = whole(args, &args.scene, &opened, precision)?;
+            (first, Some(whole(args, path, opened_against, against_precision)?))
+        }
+        _ if matches!(opened, OpenedScene::Whole(_)) => (whole(args, &args.scene, &opened, precision)?, None),
+        _ => (in_pages(args, opened, &gpu, &coarser, timed), None),
+    };
     let mut progress = printer.progress("bench", args.frames.into());
     let mut on_event = |phase| {
         if phase == MeasurePhase::Timed {
             progress.step("");
         }
     };
-    let report = bench::run(&gpu, &scene, against.as_ref(), &cameras, args.frames, &mut on_event)?;
+    let report = bench::run::<CliError>(&gpu, scene, against, &cameras, args.frames, &mut on_event)?;
     drop(progress);
     device::check_validation(&gpu)?;
     if report.scene.passes_ms.is_empty() {
         printer.warning("this device has no timestamps: passes_ms is empty");
     }
-    if args.json.write(&report, printer)? {
+    if let Some(what) = coarser.get().warning() {
+        printer.warning(format_args!("{}: {what}", args.scene.display()));
+    }
+    if args.json.write(&BenchOutput { report: &report, coarser_views: coarser.get().count() }, printer)? {
         print_report(&report, printer);
     }
     Ok(())
 }
 
-pub(super) fn subject<'a>(
+/// How a scene is drawn.
+pub(super) fn options(args: &BenchArgs, scene: &InstancedScene, device_precision: DevicePrecision) -> RenderOptions {
+    RenderOptions { device_precision, ..args.memory.apply(args.look.options(scene)) }
+}
+
+/// A scene that is compared with another one: as a whole, since pages of two would share the memory.
+fn whole<'a>(
     args: &BenchArgs,
     path: &Path,
-    loaded: &'a LoadedScene,
-    device_precision: DevicePrecision,
-) -> Subject<'a> {
+    opened: &'a OpenedScene,
+    precision: DevicePrecision,
+) -> Result<Subject<'a, CliError>, CliError> {
+    let OpenedScene::Whole(loaded) = opened else { return Err(left_in_pages(path, "--against")) };
+    let options = options(args, &loaded.scene, precision);
+    Ok(Subject::whole(path.display().to_string(), &loaded.scene, loaded.file_bytes, options))
+}
+
+/// The scene of `--scene` whose background stays in its file. The first `timed` views it is made ready for count in `coarser`.
+fn in_pages<'a>(
+    args: &BenchArgs,
+    opened: OpenedScene,
+    gpu: &'a Gpu,
+    coarser: &'a Cell<CoarserViews>,
+    timed: usize,
+) -> Subject<'a, CliError> {
+    let place = args.scene.display().to_string();
+    let (scene, [stored, expanded]) = (opened.scene(), opened.counts());
+    let mut counts = Counts { expanded, ..Counts::of(scene) };
+    counts.background += stored - counts.stored();
     Subject {
-        name: path.display().to_string(),
-        scene: &loaded.scene,
-        file_bytes: loaded.file_bytes,
-        options: RenderOptions { device_precision, ..args.memory.apply(args.look.options(&loaded.scene)) },
+        name: place.clone(),
+        counts,
+        file_bytes: opened.file_bytes(),
+        host_bytes: scene.tensor_bytes(),
+        options: options(args, scene, args.precision.precision()),
+        upload: Box::new(move |renderer, options| {
+            let scene = opened.upload(gpu, renderer, options);
+            let scene = scene.map_err(|error| CliError::msg(format!("{place}: {error}")))?;
+            Ok(Box::new(Followed { scene, place, to_count: timed, views: coarser }))
+        }),
     }
+}
+
+/// The error of a flag that measures whole scenes only.
+fn left_in_pages(path: &Path, flag: &str) -> CliError {
+    CliError::msg(format!(
+        "{}: {flag} measures scenes as a whole, and reading this one takes more host memory than there is: give it more \
+         (--host-memory-mb), or leave out {flag}",
+        path.display()
+    ))
 }

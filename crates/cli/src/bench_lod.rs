@@ -1,9 +1,9 @@
 //! `instgs-vk bench --lod`: cost and savings of levels of detail, as a table.
 
-use super::bench::{BenchArgs, subject};
+use super::bench::{BenchArgs, options};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer, device};
-use instgs_eval::bench::{LodReport, LodRow, LodView, run_lod};
+use instgs_eval::bench::{LodReport, LodRow, LodSubject, LodView, run_lod};
 use instgs_io::LoadedScene;
 use instgs_io::view_image::load_view;
 use instgs_vk::gpu::DeviceChoice;
@@ -18,7 +18,8 @@ pub(super) fn run(
     let gpu = device::open(choice)?;
     args.memory.limit(&gpu);
     let mut progress = printer.progress("bench", args.frames.into());
-    let subject = subject(args, &args.scene, loaded, args.precision.precision());
+    let options = options(args, &loaded.scene, args.precision.precision());
+    let subject = LodSubject { name: args.scene.display().to_string(), scene: &loaded.scene, options };
     let report = run_lod(&gpu, &subject, &args.lod, &views, args.frames, &mut || progress.step(""))?;
     drop(progress);
     device::check_validation(&gpu)?;

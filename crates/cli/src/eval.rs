@@ -1,25 +1,26 @@
 //! `instgs-vk eval`: compares renderings of a scene with a data set's photos.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::export::config_beside;
+use super::followed::{Followed, is_none};
 use super::lpips_args::LpipsArgs;
 use super::picture_files;
 use instgs_console::args::{HostMemoryArgs, JsonArgs, LookArgs, MemoryArgs, SplitArg, create_folder};
 use instgs_console::device::{self, DeviceArgs};
-use instgs_console::opened::{CoarserViews, DrawnScene, OpenedScene};
+use instgs_console::opened::{CoarserViews, OpenedScene};
 use instgs_console::table::Table;
 use instgs_console::{CliError, Printer, failed_to_render};
-use instgs_eval::{EvalReport, Extras, Metrics, PicturePair, SceneOfViews, evaluate};
+use instgs_eval::{EvalReport, Extras, Metrics, PicturePair, evaluate};
 use instgs_io::dataset::{MissingPhotos, leave_out_missing};
 use instgs_io::picture_png::write_png;
 use instgs_io::{IoError, View, read_views};
 use instgs_train::{leave_out_masked, put_pixel_masks};
-use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
-use instgs_vk::scene::Camera;
+use instgs_vk::render::Renderer;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 
 /// Factor of the differences in the pictures of --out.
@@ -98,26 +99,6 @@ struct EvalOutput<'a> {
     /// Number of views whose pages had no room, so that they are measured coarser than the scene is; left out if there are none.
     #[serde(skip_serializing_if = "is_none")]
     coarser_views: usize,
-}
-
-fn is_none(count: &usize) -> bool {
-    *count == 0
-}
-
-/// A scene that gets what each view wants, and counts the views that it has no room for.
-struct Followed {
-    scene: DrawnScene,
-    place: String,
-    views: CoarserViews,
-}
-
-impl SceneOfViews<CliError> for &mut Followed {
-    fn ready_for(&mut self, camera: &Camera, options: &RenderOptions) -> Result<&DeviceScene, CliError> {
-        let Followed { scene, place, views } = &mut **self;
-        let fail = |error| CliError::msg(format!("{place}: view {}: {error}", camera.name));
-        views.add(&scene.follow(camera, options).map_err(fail)?);
-        Ok(scene.device())
-    }
 }
 
 /// The pictures of `--out`, a file for each view.
@@ -209,18 +190,19 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let is_empty = opened.scene().expanded_len() == 0;
     let fail = |error| CliError::msg(format!("{place}: {error}"));
     let scene = opened.upload(&gpu, &renderer, &options).map_err(fail)?;
-    let mut scene = Followed { scene, place: place.to_string(), views: CoarserViews::default() };
+    let coarser = Cell::new(CoarserViews::default());
+    let scene = Followed { scene, place: place.to_string(), to_count: views.len(), views: &coarser };
     let mut progress = printer.progress("eval", views.len() as u64);
     let extras = Extras { lpips: lpips.as_ref(), exposures: args.exposures };
     let (mut visible, mut files) = (0, pictures.iter().flat_map(|pictures| &pictures.files));
-    let report = evaluate::<CliError>(&mut renderer, &mut scene, &views, args.width, &options, extras, |view| {
+    let report = evaluate::<CliError>(&mut renderer, scene, &views, args.width, &options, extras, |view| {
         visible += view.visible;
         files.next().map(|file| write_picture(file, view.pair)).transpose()?;
         progress.step(format_args!("{} {:.2} dB", view.name, view.metrics.psnr));
         Ok(())
     })?;
     drop(progress);
-    if let Some(what) = scene.views.warning() {
+    if let Some(what) = coarser.get().warning() {
         printer.warning(format_args!("{place}: {what}"));
     }
     if visible == 0 && !is_empty {
@@ -236,7 +218,7 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
         printer.warning(format_args!("LPIPS has no mean: some pictures are too small for {net}"));
     }
     device::check_validation(&gpu)?;
-    if !args.json.write(&EvalOutput { report: &report, coarser_views: scene.views.count() }, printer)? {
+    if !args.json.write(&EvalOutput { report: &report, coarser_views: coarser.get().count() }, printer)? {
         return Ok(());
     }
     print_table(&report, printer);

@@ -15,6 +15,7 @@ mod evidence;
 mod export;
 mod export_page;
 mod find;
+mod followed;
 mod info;
 mod inspect;
 mod inspect_file;

@@ -18,6 +18,13 @@ pub trait SceneOfViews<E> {
 }
 
 /// All of this scene is there: no view has anything to wait for.
+impl<E> SceneOfViews<E> for DeviceScene {
+    fn ready_for(&mut self, _: &Camera, _: &RenderOptions) -> Result<&DeviceScene, E> {
+        Ok(self)
+    }
+}
+
+/// The same for a scene that others draw, too.
 impl<E> SceneOfViews<E> for &DeviceScene {
     fn ready_for(&mut self, _: &Camera, _: &RenderOptions) -> Result<&DeviceScene, E> {
         Ok(self)

@@ -9,13 +9,23 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::measure::{BenchError, Subject, warm_up};
-use crate::{EvalError, PicturePair, pair_of, psnr};
+use super::measure::{BenchError, Drawn, warm_up};
+use crate::{EvalError, PicturePair, SceneOfViews, pair_of, psnr};
 use instgs_io::view_image::ViewImage;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::math::statistics::Percentiles;
 use instgs_vk::render::{DeviceScene, FrameStats, Picture, RenderOptions, Renderer};
-use instgs_vk::scene::Camera;
+use instgs_vk::scene::{Camera, InstancedScene};
+
+/// A scene to be measured at several error limits.
+pub struct LodSubject<'a> {
+    /// Name in report and errors: the path of the file.
+    pub name: String,
+    /// The scene, as loaded.
+    pub scene: &'a InstancedScene,
+    /// How it is rendered; the error limit is replaced.
+    pub options: RenderOptions,
+}
 
 /// A camera, and the photo for it if there is one of its size.
 pub struct LodView {
@@ -106,7 +116,7 @@ pub enum LodError {
 /// A camera, option or scene that cannot be rendered, or a picture that cannot be compared.
 pub fn run_lod(
     gpu: &Arc<Gpu>,
-    subject: &Subject<'_>,
+    subject: &LodSubject<'_>,
     errors_px: &[f32],
     views: &[LodView],
     frames: u32,
@@ -150,7 +160,7 @@ struct Run {
 }
 
 struct Bench<'a> {
-    subject: &'a Subject<'a>,
+    subject: &'a LodSubject<'a>,
     /// The scene at full quality, and with levels of detail, which all error limits share.
     scenes: Vec<DeviceScene>,
     /// Full quality first, then the error limits.
@@ -170,8 +180,8 @@ impl Bench<'_> {
         if self.scenes.len() < 2 {
             self.scenes.push(renderer.upload_for(self.subject.scene, &options).map_err(&fail)?);
         }
-        let subject = Subject { name: self.subject.name.clone(), options, ..*self.subject };
-        warm_up(&mut renderer, self.scene_of(self.runs.len()), &subject, cameras, &mut |_| ())?;
+        let scene: Box<dyn SceneOfViews<BenchError>> = Box::new(self.scene_of(self.runs.len()));
+        warm_up(&mut renderer, &mut Drawn { name: self.subject.name.clone(), scene, options }, cameras, &mut |_| ())?;
         self.runs.push(Run {
             renderer,
             options,

@@ -1,7 +1,7 @@
 //! Times the frames of one scene, or of two in turn.
 //!
-//! Each scene has its own renderer on the same device. Every camera is rendered until no buffer grows any more. The
-//! timed frames follow, A B A B, cycling through the cameras, so that other load on the machine affects both. Finally
+//! Each scene has its own renderer on the same device. Every camera is rendered until no buffer grows any more. What a
+//! scene reads for a view, it reads before that view's time begins. The timed frames follow, A B A B, cycling through the cameras, so that other load on the machine affects both. Finally
 //! some frames are rendered with timestamps by a second renderer, so that timestamps cannot affect the medians;
 //! `profiled_ms` shows their cost.
 
@@ -9,11 +9,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::report::{CameraReport, DrawnCounts, Ratio, Report, SceneReport};
-use crate::{Bytes, Counts};
+use crate::{Bytes, Counts, SceneOfViews};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::statistics::{Percentiles, median};
-use instgs_vk::render::{DeviceScene, FrameStats, RenderError, RenderOptions, Renderer};
+use instgs_vk::render::{FrameStats, RenderError, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Most warm-up rounds over all cameras: the first grows the buffers, the second confirms their sizes, and further ones
@@ -25,16 +25,35 @@ const LEAST_PROFILED_FRAMES: usize = 5;
 /// Milliseconds by pass, in the order of a frame.
 type PassesMs = Vec<(&'static str, f64)>;
 
-/// A scene to be measured.
-pub struct Subject<'a> {
+/// A scene to be measured. `E` is what can go wrong with bringing it to the device, or with making it ready for a view.
+pub struct Subject<'a, E> {
     /// Name in report and errors: the path of the file.
     pub name: String,
-    /// The scene, as loaded.
-    pub scene: &'a InstancedScene,
+    /// Its Gaussians, levels of detail aside.
+    pub counts: Counts,
     /// Length of the scene file, bytes.
     pub file_bytes: u64,
+    /// Numbers of the scene in host memory, bytes.
+    pub host_bytes: u64,
     /// How the scene is rendered.
     pub options: RenderOptions,
+    /// Brings the scene to the device.
+    pub upload: Upload<'a, E>,
+}
+
+/// Brings a scene to the device, for a renderer and the options that it is drawn with.
+pub type Upload<'a, E> = Box<dyn FnOnce(&Renderer, &RenderOptions) -> Result<Box<dyn SceneOfViews<E> + 'a>, E> + 'a>;
+
+impl<'a, E: From<BenchError>> Subject<'a, E> {
+    /// A scene that is on the device as a whole, from a file of that many bytes.
+    pub fn whole(name: String, scene: &'a InstancedScene, file_bytes: u64, options: RenderOptions) -> Self {
+        let place = name.clone();
+        let upload: Upload<'a, E> = Box::new(move |renderer, options| {
+            let uploaded = renderer.upload_for(scene, options);
+            Ok(Box::new(uploaded.map_err(|error| BenchError { scene: place, error })?))
+        });
+        Self { name, counts: Counts::of(scene), file_bytes, host_bytes: scene.tensor_bytes(), options, upload }
+    }
 }
 
 /// Progress events of [`run`].
@@ -61,15 +80,15 @@ pub struct BenchError {
 /// Measures `subject`, in turn with `against` if given. Only the first `frames` cameras are used.
 ///
 /// # Errors
-/// A camera, option or scene that cannot be rendered.
-pub fn run(
+/// A camera, option or scene that cannot be rendered, or what the scene itself returns.
+pub fn run<'a, E: From<BenchError>>(
     gpu: &Arc<Gpu>,
-    subject: &Subject<'_>,
-    against: Option<&Subject<'_>>,
+    subject: Subject<'a, E>,
+    against: Option<Subject<'a, E>>,
     cameras: &[Camera],
     frames: u32,
     on_event: &mut dyn FnMut(MeasurePhase),
-) -> Result<Report, BenchError> {
+) -> Result<Report, E> {
     let cameras = &cameras[..cameras.len().min(frames as usize)];
     let mut runs = Vec::new();
     for subject in std::iter::once(subject).chain(against) {
@@ -77,12 +96,12 @@ pub fn run(
     }
     for (frame, (index, camera)) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
         // The first scene of a round finds the caches as the other left them: alternate.
-        let order: &mut dyn Iterator<Item = &mut Run<'_>> = if (frame + frame / cameras.len() as u32).is_multiple_of(2)
-        {
-            &mut runs.iter_mut()
-        } else {
-            &mut runs.iter_mut().rev()
-        };
+        let order: &mut dyn Iterator<Item = &mut Run<'_, E>> =
+            if (frame + frame / cameras.len() as u32).is_multiple_of(2) {
+                &mut runs.iter_mut()
+            } else {
+                &mut runs.iter_mut().rev()
+            };
         for run in order {
             run.time_frame(index, camera)?;
         }
@@ -99,10 +118,12 @@ pub fn run(
 }
 
 /// One scene on the device, with its measurements.
-struct Run<'a> {
-    subject: &'a Subject<'a>,
+struct Run<'a, E> {
+    drawn: Drawn<'a, E>,
     renderer: Renderer,
-    scene: DeviceScene,
+    counts: Counts,
+    file_bytes: u64,
+    host_bytes: u64,
     device_peak: u64,
     /// By camera: milliseconds of the timed frames.
     times_ms: Vec<Vec<f64>>,
@@ -110,31 +131,29 @@ struct Run<'a> {
     stats: Vec<FrameStats>,
 }
 
-impl<'a> Run<'a> {
+impl<'a, E: From<BenchError>> Run<'a, E> {
     /// Uploads the scene and warms up. Nothing else may use the device meanwhile: its peak memory is measured.
     fn prepare(
         gpu: &Arc<Gpu>,
-        subject: &'a Subject<'a>,
+        subject: Subject<'a, E>,
         cameras: &[Camera],
         on_event: &mut dyn FnMut(MeasurePhase),
-    ) -> Result<Self, BenchError> {
-        let fail = |error| BenchError { scene: subject.name.clone(), error };
+    ) -> Result<Self, E> {
+        let Subject { name, counts, file_bytes, host_bytes, options, upload } = subject;
         gpu.reset_memory_peak();
         let (before, _) = gpu.memory_usage();
-        let mut renderer = Renderer::new(gpu).map_err(fail)?;
-        let scene = renderer.upload_for(subject.scene, &subject.options).map_err(fail)?;
-        warm_up(&mut renderer, &scene, subject, cameras, on_event)?;
+        let mut renderer = Renderer::new(gpu).map_err(|error| BenchError { scene: name.clone(), error })?;
+        let mut drawn = Drawn { scene: upload(&renderer, &options)?, name, options };
+        warm_up(&mut renderer, &mut drawn, cameras, on_event)?;
         let (_, peak) = gpu.memory_usage();
         let stats = vec![FrameStats::default(); cameras.len()];
         let times_ms = vec![Vec::new(); cameras.len()];
-        Ok(Self { subject, renderer, scene, device_peak: peak - before, times_ms, stats })
+        Ok(Self { drawn, renderer, counts, file_bytes, host_bytes, device_peak: peak - before, times_ms, stats })
     }
 
-    fn time_frame(&mut self, index: usize, camera: &Camera) -> Result<(), BenchError> {
-        let start = Instant::now();
-        let stats = self.renderer.render(&self.scene, camera, &self.subject.options);
-        let elapsed_ms = 1e3 * start.elapsed().as_secs_f64();
-        self.stats[index] = stats.map_err(|error| BenchError { scene: self.subject.name.clone(), error })?;
+    fn time_frame(&mut self, index: usize, camera: &Camera) -> Result<(), E> {
+        let (stats, elapsed_ms) = self.drawn.frame(&mut self.renderer, camera)?;
+        self.stats[index] = stats;
         self.times_ms[index].push(elapsed_ms);
         Ok(())
     }
@@ -145,11 +164,12 @@ impl<'a> Run<'a> {
         cameras: &[Camera],
         frames: u32,
         on_event: &mut dyn FnMut(MeasurePhase),
-    ) -> Result<SceneReport, BenchError> {
-        let Self { subject, renderer, scene, device_peak, times_ms, stats } = self;
+    ) -> Result<SceneReport, E> {
+        let Self { mut drawn, renderer, counts, file_bytes, host_bytes, device_peak, times_ms, stats } = self;
         let variant = *renderer.variant();
         drop(renderer);
-        let (passes_ms, profiled_ms) = profile(gpu, variant, &scene, subject, cameras, on_event)?;
+        let (passes_ms, profiled_ms) = profile(gpu, variant, &mut drawn, cameras, on_event)?;
+        let scene = drawn.scene.ready_for(&cameras[0], &drawn.options)?;
         let ms = Percentiles::of(&times_ms.concat());
         let mean = |field: fn(&FrameStats) -> u64| {
             (stats.iter().map(field).sum::<u64>() + stats.len() as u64 / 2) / stats.len() as u64
@@ -164,7 +184,7 @@ impl<'a> Run<'a> {
             slabs: stats.slabs,
         };
         Ok(SceneReport {
-            scene: subject.name.clone(),
+            scene: drawn.name,
             device: gpu.caps().name.clone(),
             driver: gpu.caps().driver.clone(),
             variant,
@@ -176,13 +196,13 @@ impl<'a> Run<'a> {
             passes_ms,
             profiled_ms,
             gaussians: DrawnCounts {
-                scene: Counts::of(subject.scene),
+                scene: counts,
                 visible: mean(|s| s.visible),
                 intersections: mean(|s| s.intersections),
             },
             bytes: Bytes {
-                file: subject.file_bytes,
-                host: subject.scene.tensor_bytes(),
+                file: file_bytes,
+                host: host_bytes,
                 device_scene: scene.bytes(),
                 scene_on_host: scene.host_bytes(),
                 device_peak,
@@ -193,22 +213,38 @@ impl<'a> Run<'a> {
     }
 }
 
+/// A scene on the device, and how it is drawn.
+pub(super) struct Drawn<'a, E> {
+    /// Name in errors.
+    pub(super) name: String,
+    pub(super) scene: Box<dyn SceneOfViews<E> + 'a>,
+    pub(super) options: RenderOptions,
+}
+
+impl<E: From<BenchError>> Drawn<'_, E> {
+    /// Renders a frame, and returns how many milliseconds that took once the scene was ready for it.
+    pub(super) fn frame(&mut self, renderer: &mut Renderer, camera: &Camera) -> Result<(FrameStats, f64), E> {
+        let scene = self.scene.ready_for(camera, &self.options)?;
+        let start = Instant::now();
+        let stats = renderer.render(scene, camera, &self.options);
+        let elapsed_ms = 1e3 * start.elapsed().as_secs_f64();
+        Ok((stats.map_err(|error| BenchError { scene: self.name.clone(), error })?, elapsed_ms))
+    }
+}
+
 /// Renders every camera until a round changes no buffer.
-pub(super) fn warm_up(
+pub(super) fn warm_up<E: From<BenchError>>(
     renderer: &mut Renderer,
-    scene: &DeviceScene,
-    subject: &Subject<'_>,
+    drawn: &mut Drawn<'_, E>,
     cameras: &[Camera],
     on_event: &mut dyn FnMut(MeasurePhase),
-) -> Result<(), BenchError> {
+) -> Result<(), E> {
     let mut slabs_before = Vec::new();
     for round in 0..MOST_WARM_UP_ROUNDS {
         let mut slabs = Vec::new();
         let mut redone = 0;
         for camera in cameras {
-            let stats = renderer
-                .render(scene, camera, &subject.options)
-                .map_err(|error| BenchError { scene: subject.name.clone(), error })?;
+            let (stats, _) = drawn.frame(renderer, camera)?;
             slabs.push(stats.slabs);
             redone += stats.redone;
             on_event(MeasurePhase::WarmUp);
@@ -225,27 +261,26 @@ pub(super) fn warm_up(
 
 /// Milliseconds by pass, summed over a frame's dispatches and medians over frames, and the median wall time of these
 /// frames.
-fn profile(
+fn profile<E: From<BenchError>>(
     gpu: &Arc<Gpu>,
     variant: Variant,
-    scene: &DeviceScene,
-    subject: &Subject<'_>,
+    drawn: &mut Drawn<'_, E>,
     cameras: &[Camera],
     on_event: &mut dyn FnMut(MeasurePhase),
-) -> Result<(PassesMs, f64), BenchError> {
+) -> Result<(PassesMs, f64), E> {
     if gpu.caps().timestamp_period_ns == 0.0 {
         return Ok((Vec::new(), 0.0));
     }
-    let fail = |error| BenchError { scene: subject.name.clone(), error };
+    let fail = |error| BenchError { scene: drawn.name.clone(), error };
     let mut renderer = Renderer::with_variant(gpu, variant, true).map_err(fail)?;
-    warm_up(&mut renderer, scene, subject, cameras, on_event)?;
+    warm_up(&mut renderer, drawn, cameras, on_event)?;
     let frames = cameras.len().max(LEAST_PROFILED_FRAMES);
     let mut profiled = Vec::with_capacity(frames);
     let mut times_ms = Vec::with_capacity(frames);
     for camera in cameras.iter().cycle().take(frames) {
-        let start = Instant::now();
-        profiled.push(renderer.render(scene, camera, &subject.options).map_err(fail)?);
-        times_ms.push(1e3 * start.elapsed().as_secs_f64());
+        let (stats, elapsed_ms) = drawn.frame(&mut renderer, camera)?;
+        profiled.push(stats);
+        times_ms.push(elapsed_ms);
         on_event(MeasurePhase::Profiled);
     }
     Ok((FrameStats::median_ms_by_pass(&profiled), median(&times_ms)))

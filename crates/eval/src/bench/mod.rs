@@ -4,6 +4,6 @@ mod lod;
 mod measure;
 mod report;
 
-pub use lod::{LodCamera, LodError, LodReport, LodRow, LodView, run_lod};
-pub use measure::{BenchError, MeasurePhase, Subject, run};
+pub use lod::{LodCamera, LodError, LodReport, LodRow, LodSubject, LodView, run_lod};
+pub use measure::{BenchError, MeasurePhase, Subject, Upload, run};
 pub use report::{CameraReport, DrawnCounts, Ratio, Report, SceneReport};

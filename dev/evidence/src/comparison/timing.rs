@@ -14,14 +14,10 @@ pub(super) fn time(runs: &Runs<'_>, frames: u32, cameras: &[Camera], result: &mu
     let paths = [runs.folder("instgs").scene(), runs.folder("same_time").point_cloud()];
     let loaded = [load_scene(&paths[0])?, load_scene(&paths[1])?];
     let options = eval_options(&runs.config.train);
-    let subject = |i: usize| Subject {
-        name: paths[i].display().to_string(),
-        scene: &loaded[i].scene,
-        file_bytes: loaded[i].file_bytes,
-        options,
-    };
+    let subject =
+        |i: usize| Subject::whole(paths[i].display().to_string(), &loaded[i].scene, loaded[i].file_bytes, options);
     let frames = frames.max(cameras.len() as u32);
-    let report = bench::run(runs.session.gpu, &subject(0), Some(&subject(1)), cameras, frames, &mut |_| ())?;
+    let report = bench::run::<CliError>(runs.session.gpu, subject(0), Some(subject(1)), cameras, frames, &mut |_| ())?;
     if let Some(against) = &report.against {
         result.fps = Some([report.scene.fps, against.fps]);
         result.intersections = Some([report.scene.gaussians.intersections, against.gaussians.intersections]);
