@@ -136,6 +136,8 @@ class Scene:
         *,
         data: Optional[_Path] = None,
         picture_psnr: Optional[float] = None,
+        finish: int = 0,
+        run: Optional[_Path] = None,
         up: Optional[ArrayLike] = None,
         device: Optional[_Device] = None,
     ) -> None:
@@ -143,7 +145,9 @@ class Scene:
         them expanded.
 
         pack is for .instgs and .html; with data, a data set's folder, "small" is only as precise as its views need for pictures of
-        picture_psnr dB. up: the direction that becomes +y of .glb, .usda and .usdc, and points up in .html. device: for data. Both
+        picture_psnr dB. finish: number of steps, some 400, in which the written scene is trained through its rounding with the
+        photos of data, taken as those of the run folder run were (None = whole, before black); this one does not change. Ctrl-C
+        stops what data takes, and nothing is written. up: the direction that becomes +y of .glb, .usda and .usdc, and points up in .html. device: for data. Both
         are warned of where they are not used. Raises Error."""
     def copy(self) -> Scene:
         """An independent copy."""

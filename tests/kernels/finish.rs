@@ -8,7 +8,7 @@ use glam::DVec3;
 use instgs_io::picture_png::write_png;
 use instgs_io::small::{Sensitivity, SmallOptions, SmallPlan};
 use instgs_train::config::TrainConfig;
-use instgs_train::{FinishJob, finish, measure_sensitivity};
+use instgs_train::{FinishJob, TrainError, finish, measure_sensitivity};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::{RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, InstancedScene, SourceRange};
@@ -72,7 +72,7 @@ fn what_is_lost_by_rounding_is_learned_again() {
     write_photos(folder.path(), &cameras, &pictures(&gpu, &scene, &cameras));
     let cameras = &cameras[..cameras.len() - 1];
     let photos = pictures(&gpu, &scene, cameras);
-    let sensitivity = &measure_sensitivity(&gpu, &scene, cameras, || ()).unwrap();
+    let sensitivity = &measure_sensitivity::<TrainError>(&gpu, &scene, cameras, || Ok(())).unwrap();
     let options = SmallOptions { sensitivity, picture_psnr_db: PICTURE_PSNR_DB };
     let plan = SmallPlan::new(&scene, &options, folder.path()).unwrap();
     let before = mean_squared(&pictures(&gpu, &plan.rounded(&scene, folder.path()).unwrap(), cameras), &photos);
@@ -81,7 +81,11 @@ fn what_is_lost_by_rounding_is_learned_again() {
         let (data, config) = (folder.path(), &TrainConfig::default());
         let job = FinishJob { scene, sensitivity, picture_psnr_db: PICTURE_PSNR_DB, data, config, to: data, steps };
         let mut done = 0;
-        let finished = finish(&gpu, &job, || done += 1).unwrap();
+        let finished = finish::<TrainError>(&gpu, &job, || {
+            done += 1;
+            Ok(())
+        })
+        .unwrap();
         assert_eq!(done, steps);
         finished
     };
@@ -113,6 +117,6 @@ fn scenes_whose_instances_share_rows_are_refused() {
     let (sensitivity, config) = (&Sensitivity::default(), &TrainConfig::default());
     let (data, to) = (Path::new("data"), Path::new("small.instgs"));
     let job = FinishJob { scene: &scene, sensitivity, picture_psnr_db: 50.0, data, config, to, steps: 1 };
-    let text = finish(&gpu, &job, || ()).unwrap_err().to_string();
+    let text = finish::<TrainError>(&gpu, &job, || Ok(())).unwrap_err().to_string();
     assert!(text.starts_with("small.instgs") && text.contains("instances share"), "{text}");
 }

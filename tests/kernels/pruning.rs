@@ -1,8 +1,8 @@
 //! Pruning by blending weights: what shows least goes, what stands in for something else does not go with it.
 
 use glam::{DMat3, DVec3};
-use instgs_train::measure_sensitivity;
 use instgs_train::pruning::{picture_psnr, prune};
+use instgs_train::{TrainError, measure_sensitivity};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, NearPlane, Offsets, SourceRange};
 
@@ -43,7 +43,8 @@ fn the_near_plane_is_the_scenes() {
     let nothing = InstancedScene::default();
     let [seen, unseen] = [&close, &usual].map(|scene| picture_psnr(&gpu, [scene, &nothing], &cameras).unwrap());
     assert!(seen < 30.0 && unseen > 90.0, "{seen} {unseen}");
-    let [seen, unseen] = [&close, &usual].map(|scene| measure_sensitivity(&gpu, scene, &cameras, || ()).unwrap());
+    let [seen, unseen] =
+        [&close, &usual].map(|scene| measure_sensitivity::<TrainError>(&gpu, scene, &cameras, || Ok(())).unwrap());
     assert!(seen.shows_anything() && !unseen.shows_anything());
     assert_silent(&gpu);
 }

@@ -1,6 +1,6 @@
 //! The sensitivity that `--pack small` rounds by, against central differences of the twin's pictures.
 
-use instgs_train::measure_sensitivity;
+use instgs_train::{TrainError, measure_sensitivity};
 use instgs_vk::math::log_covariance::{Shape, log_covariance, nearest_shape};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
@@ -141,7 +141,11 @@ fn sensitivity_is_the_squared_derivative_of_pictures() {
     let (scene, camera) = (&case.scene, &case.camera);
     let cameras = vec![camera.clone(); PROBES];
     let mut views = 0;
-    let measured = measure_sensitivity(&gpu, scene, &cameras, || views += 1).unwrap();
+    let measured = measure_sensitivity::<TrainError>(&gpu, scene, &cameras, || {
+        views += 1;
+        Ok(())
+    })
+    .unwrap();
     assert!(views == PROBES && measured.fits(scene));
     let parameters = [
         (Parameter::Means, 3),
@@ -190,9 +194,9 @@ fn sensitivity_is_the_squared_derivative_of_pictures() {
         let [got, want] = [got, want].map(|sums| sums.iter().sum::<f64>());
         assert!((got / want - 1.0).abs() < 0.15, "{name}: {got} {want}");
     }
-    let again = measure_sensitivity(&gpu, scene, &cameras[..5], || ()).unwrap();
-    assert_eq!(again, measure_sensitivity(&gpu, scene, &cameras[..5], || ()).unwrap());
-    assert!(measure_sensitivity(&gpu, scene, &[], || ()).is_err());
+    let again = measure_sensitivity::<TrainError>(&gpu, scene, &cameras[..5], || Ok(())).unwrap();
+    assert_eq!(again, measure_sensitivity::<TrainError>(&gpu, scene, &cameras[..5], || Ok(())).unwrap());
+    assert!(measure_sensitivity::<TrainError>(&gpu, scene, &[], || Ok(())).is_err());
     assert_silent(&gpu);
 }
 
@@ -220,7 +224,7 @@ fn what_copies_share_has_the_sum_over_them() {
     assert_eq!(unshared.offsets.len(), records + count);
     let cameras = vec![case.camera.clone(); 5];
     let [of_shared, of_unshared] =
-        [&shared, &*unshared].map(|scene| measure_sensitivity(&gpu, scene, &cameras, || ()).unwrap());
+        [&shared, &*unshared].map(|scene| measure_sensitivity::<TrainError>(&gpu, scene, &cameras, || Ok(())).unwrap());
     assert!(of_shared.fits(&shared));
     let last = unshared.instances.last().unwrap().first_offset.unwrap() as usize;
     let before =

@@ -127,7 +127,10 @@ fn planned(
     let cameras = sensitivity_cameras(data)?;
     let gpu = device::open(device_args.choice())?;
     let mut progress = printer.progress("views", cameras.len() as u64);
-    let sensitivity = &measure_sensitivity(&gpu, scene, &cameras, || progress.step("measured"))?;
+    let sensitivity = &measure_sensitivity::<CliError>(&gpu, scene, &cameras, || {
+        progress.step("measured");
+        Ok(())
+    })?;
     drop(progress);
     let picture_psnr_db = args.picture_psnr;
     let plan = if args.finish > 0 {
@@ -135,7 +138,10 @@ fn planned(
         let mut progress = printer.progress("steps", args.finish);
         let (to, config) = (&args.to, &config);
         let job = FinishJob { scene, sensitivity, picture_psnr_db, data, config, to, steps: args.finish };
-        let finished = finish(&gpu, &job, || progress.step("finished"))?;
+        let finished = finish::<CliError>(&gpu, &job, || {
+            progress.step("finished");
+            Ok(())
+        })?;
         finished.warnings.iter().for_each(|warning| printer.warning(warning));
         *scene = finished.scene;
         finished.plan

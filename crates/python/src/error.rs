@@ -31,6 +31,37 @@ pub(crate) fn raised(what: impl Display) -> PyErr {
     Error::new_err(what.to_string())
 }
 
+/// Why work that calls back into Python ended early.
+pub(crate) enum Stopped<E> {
+    /// An exception of the user's callback, or Ctrl-C.
+    Python(PyErr),
+    /// What the work itself found wrong.
+    Failed(E),
+}
+
+impl<E> From<E> for Stopped<E> {
+    fn from(error: E) -> Self {
+        Self::Failed(error)
+    }
+}
+
+impl<E: Display> From<Stopped<E>> for PyErr {
+    fn from(stopped: Stopped<E>) -> Self {
+        match stopped {
+            Stopped::Python(error) => error,
+            Stopped::Failed(error) => raised(error),
+        }
+    }
+}
+
+/// Lets Ctrl-C, or another signal that Python has a handler for, stop work that leaves the interpreter free.
+///
+/// # Errors
+/// The exception that the handler raised.
+pub(crate) fn look_for_ctrl_c<E>() -> Result<(), Stopped<E>> {
+    Python::attach(|py| py.check_signals()).map_err(Stopped::Python)
+}
+
 /// Issues a `UserWarning` at the line that called into this module.
 ///
 /// # Errors

@@ -10,25 +10,11 @@ use instgs_vk::render::{self, RenderOptions};
 use pyo3::prelude::*;
 
 use crate::device::{DeviceName, check_validation, open_device};
-use crate::error::{OrRaise, raised, warn};
+use crate::error::{OrRaise, Stopped, raised, warn};
 use crate::json::to_python;
 use crate::look::Look;
 use crate::scene::Scene;
 use crate::views::views_of;
-
-/// Why an evaluation ended early.
-enum Stopped {
-    /// The user's callback, or Ctrl-C.
-    Python(PyErr),
-    /// A photo or a picture.
-    Failed(EvalError),
-}
-
-impl From<EvalError> for Stopped {
-    fn from(error: EvalError) -> Self {
-        Self::Failed(error)
-    }
-}
 
 /// Renders a data set's views and compares them with the photos: PSNR in dB, SSIM, and LPIPS if its weights are there.
 ///
@@ -71,17 +57,14 @@ pub(crate) fn eval<'py>(
     let (network, left_out) = network(py, lpips, lpips_range, lpips_weights)?;
     let views = views(py, data, split, skip_missing)?;
     let gpu = open_device(py, device)?;
-    let run = || -> Result<(EvalReport, u64), Stopped> {
+    let run = || -> Result<(EvalReport, u64), Stopped<EvalError>> {
         let failed = |error| EvalError::Render { view: "the scene".into(), error };
         let mut renderer = render::Renderer::new(&gpu).map_err(failed)?;
         let on_device = renderer.upload_for(&scene, &options).map_err(failed)?;
         let extras = Extras { lpips: network.as_ref(), exposures };
         compare(&mut renderer, &on_device, &views, width, &options, extras, on_view.as_ref())
     };
-    let (report, visible) = py.detach(run).map_err(|stopped| match stopped {
-        Stopped::Python(error) => error,
-        Stopped::Failed(error) => raised(error),
-    })?;
+    let (report, visible) = py.detach(run)?;
     check_validation(&gpu)?;
     if visible == 0 && scene.expanded_len() > 0 {
         warn(py, format_args!("nothing is visible from these views (near is {}; see near=)", options.near))?;
@@ -143,7 +126,7 @@ fn compare(
     options: &RenderOptions,
     extras: Extras<'_>,
     on_view: Option<&Py<PyAny>>,
-) -> Result<(EvalReport, u64), Stopped> {
+) -> Result<(EvalReport, u64), Stopped<EvalError>> {
     let mut visible = 0;
     let report = evaluate(renderer, scene, views, width, options, extras, |view| {
         visible += view.visible;

@@ -4,14 +4,20 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use instgs_io::small::{SmallOptions, SmallPlan};
-use instgs_io::{ExportFormat, ExportedScene, Pack, PageOptions, export_scene, write_page, write_planned_scene_file};
-use instgs_train::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras};
+use instgs_io::{
+    ExportFormat, ExportedScene, Pack, PageOptions, RunFolder, export_scene, write_page, write_planned_scene_file,
+};
+use instgs_objects::pipeline::config::ConfigBuilder;
+use instgs_train::config::TrainConfig;
+use instgs_train::{
+    FinishJob, Finished, TrainError, USUAL_PICTURE_PSNR_DB, finish, measure_sensitivity, sensitivity_cameras,
+};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
 use pyo3::prelude::*;
 
 use crate::device::{DeviceName, check_validation, open_device};
-use crate::error::{OrRaise, raised, warn};
+use crate::error::{OrRaise, Stopped, look_for_ctrl_c, raised, warn};
 
 /// How a scene is written.
 pub(crate) struct How {
@@ -21,6 +27,10 @@ pub(crate) struct How {
     pub(crate) data: Option<PathBuf>,
     /// Closeness of its pictures, dB.
     pub(crate) picture_psnr: Option<f64>,
+    /// Number of training steps through the rounding of a small file.
+    pub(crate) finish: u64,
+    /// Folder of the scene's run, which says how photos are taken for these steps.
+    pub(crate) run: Option<PathBuf>,
     /// Direction that becomes +y.
     pub(crate) up: Option<DVec3>,
 }
@@ -44,6 +54,18 @@ fn unused(how: &How, format: ExportFormat, device: bool) -> Vec<&'static str> {
     found.into_iter().filter(|(is_unused, _)| *is_unused).map(|(_, text)| text).collect()
 }
 
+/// How photos are taken for `finish`: as the scene's run took them, by default whole and before black.
+fn config_of(how: &How) -> PyResult<TrainConfig> {
+    match &how.run {
+        None => Ok(TrainConfig::default()),
+        Some(_) if how.finish == 0 => Err(raised("run says how finish takes photos: give finish, too")),
+        Some(run) => {
+            let builder = ConfigBuilder::new().run_file(&RunFolder::new(run).config());
+            Ok(builder.and_then(ConfigBuilder::finish).or_raise()?.train)
+        }
+    }
+}
+
 /// Writes the scene in the format of the path's ending.
 pub(crate) fn save(
     py: Python<'_>,
@@ -62,29 +84,47 @@ pub(crate) fn save(
         if !(10.0..=120.0).contains(&psnr) {
             return Err(raised(format_args!("picture_psnr is {psnr}: must be from 10 to 120 dB")));
         }
+        let config = config_of(&how)?;
         let gpu = open_device(py, device)?;
-        let write = || -> Result<(), instgs_train::TrainError> {
-            let cameras = sensitivity_cameras(data)?;
-            let sensitivity = measure_sensitivity(&gpu, scene, &cameras, || ())?;
-            let small = SmallOptions { sensitivity: &sensitivity, picture_psnr_db: psnr };
-            let plan = SmallPlan::new(scene, &small, to)?;
-            match format {
+        let write = || -> Result<Vec<String>, Stopped<TrainError>> {
+            let cameras = sensitivity_cameras(data).map_err(TrainError::from)?;
+            let sensitivity = &measure_sensitivity(&gpu, scene, &cameras, look_for_ctrl_c)?;
+            let planned = if how.finish > 0 {
+                let steps = how.finish;
+                let job = FinishJob { scene, sensitivity, picture_psnr_db: psnr, data, config: &config, to, steps };
+                finish(&gpu, &job, look_for_ctrl_c)?
+            } else {
+                let small = SmallOptions { sensitivity, picture_psnr_db: psnr };
+                let plan = SmallPlan::new(scene, &small, to).map_err(TrainError::from)?;
+                Finished { scene: scene.clone(), plan, warnings: Vec::new() }
+            };
+            let (scene, plan) = (&planned.scene, &planned.plan);
+            let written = match format {
                 ExportFormat::Page(pack) => {
                     let usual = PageOptions::of_views(scene, pack, &cameras);
                     let up = how.up.unwrap_or(usual.up);
-                    write_page(to, scene, &PageOptions { small: Some(&plan), up, ..usual })?;
+                    write_page(to, scene, &PageOptions { small: Some(plan), up, ..usual })
                 }
-                _ => write_planned_scene_file(to, scene, &plan)?,
-            }
-            Ok(())
+                _ => write_planned_scene_file(to, scene, plan),
+            };
+            written.map_err(TrainError::from)?;
+            Ok(planned.warnings)
         };
-        py.detach(write).or_raise()?;
+        let mut notes = py.detach(write)?;
         check_validation(&gpu)?;
-        let notes = ExportedScene::default().notes(to, scene, format);
+        notes.extend(ExportedScene::default().notes(to, scene, format));
         return notes.into_iter().try_for_each(|note| warn(py, note));
     }
-    if how.picture_psnr.is_some() {
-        return Err(raised("picture_psnr is that of a data set's views: give its folder as data"));
+    for (given, name, what) in [
+        (how.picture_psnr.is_some(), "picture_psnr", "is that of a data set's views"),
+        (how.finish > 0, "finish", "trains with a data set's photos"),
+    ] {
+        if given {
+            return Err(raised(format_args!("{name} {what}: give its folder as data")));
+        }
+    }
+    if how.run.is_some() {
+        return Err(raised("run says how finish takes photos: give finish and data, too"));
     }
     let exported = py.detach(|| export_scene(to, scene, format, Orbit::around(scene, how.up).up)).or_raise()?;
     exported.notes(to, scene, format).into_iter().try_for_each(|note| warn(py, note))

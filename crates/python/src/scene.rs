@@ -100,9 +100,13 @@ impl Scene {
     /// them expanded.
     ///
     /// pack, for .instgs and .html: "f32", "f16", "q8" or "small"; with data, a data set's folder, "small" is only as precise as its
-    /// views need for pictures of picture_psnr dB. up: the direction that becomes +y of .glb, .usda and .usdc, and points up in
-    /// .html. device: for data. up and device are warned of where they are not used.
-    #[pyo3(signature = (path, pack = None, *, data = None, picture_psnr = None, up = None, device = None))]
+    /// views need for pictures of picture_psnr dB. finish: number of steps, some 400, in which the written scene is trained through
+    /// its rounding with the photos of data, taken as those of the run folder run were (None = whole, before black); this one does
+    /// not change. Ctrl-C stops what data takes, and nothing is written. up: the direction that becomes +y of .glb, .usda and .usdc,
+    /// and points up in .html. device: for data. up and device are warned of where they are not used.
+    #[pyo3(signature = (
+        path, pack = None, *, data = None, picture_psnr = None, finish = 0, run = None, up = None, device = None
+    ))]
     #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
     fn save(
         &self,
@@ -111,11 +115,13 @@ impl Scene {
         pack: Option<&str>,
         data: Option<PathBuf>,
         picture_psnr: Option<f64>,
+        finish: u64,
+        run: Option<PathBuf>,
         up: Option<Bound<'_, PyAny>>,
         device: Option<DeviceName>,
     ) -> PyResult<()> {
         let up = up.map(|up| direction(&up, "up")).transpose()?;
-        let how = save::How { pack: pack.map(save::parse_pack).transpose()?, data, picture_psnr, up };
+        let how = save::How { pack: pack.map(save::parse_pack).transpose()?, data, picture_psnr, finish, run, up };
         save::save(py, &self.snapshot(py), &path, how, device)
     }
 

@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
-use instgs_synth::dataset::{self, Options};
+use instgs_synth::dataset::{self, Options, SynthError};
 use pyo3::prelude::*;
 
-use crate::error::OrRaise;
+use crate::error::{Stopped, look_for_ctrl_c};
 
 /// Renders photos of a procedural scene with repeated objects, with masks, depths, poses, cameras and points, into a folder.
 ///
 /// name: "cars", or another scene of `instgs-vk synth`; size: (width, height), pixels; instances: the number of objects, by
-/// default the scene's. The same values give the same bytes. Raises Error.
+/// default the scene's. The same values give the same bytes. Ctrl-C stops it after a photo. Raises Error.
 #[pyfunction]
 #[pyo3(signature = (out, name = "cars", *, views = 48, size = (320, 180), seed = 1, instances = None))]
 pub(crate) fn synth(
@@ -23,6 +23,7 @@ pub(crate) fn synth(
     instances: Option<u32>,
 ) -> PyResult<()> {
     let options = Options { views, size, seed, instances, ..Options::default() };
-    py.detach(|| dataset::write(name, &out, &options, &mut |_| ())).or_raise()?;
+    let write = || dataset::write::<Stopped<SynthError>>(name, &out, &options, &mut |_| look_for_ctrl_c());
+    py.detach(write)?;
     Ok(())
 }

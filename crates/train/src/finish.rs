@@ -91,19 +91,25 @@ pub struct Finished {
     pub warnings: Vec<String>,
 }
 
-/// Trains a scene through its rounding. `on_step` is called after each step.
+/// Trains a scene through its rounding. `on_step` is called after each step; `E` is the caller's error type, with which it can stop
+/// the training.
 ///
 /// # Errors
 /// The photos cannot be read, or there are none, or they have exposures; instances share offsets or Gaussians of their own; the
-/// sensitivity is of another scene; the device fails or is too small.
-pub fn finish(gpu: &Arc<Gpu>, job: &FinishJob<'_>, mut on_step: impl FnMut()) -> Result<Finished, TrainError> {
-    check(job)?;
+/// sensitivity is of another scene; the device fails or is too small; or what `on_step` returns.
+pub fn finish<E: From<TrainError>>(
+    gpu: &Arc<Gpu>,
+    job: &FinishJob<'_>,
+    mut on_step: impl FnMut() -> Result<(), E>,
+) -> Result<Finished, E> {
+    check(job).map_err(TrainError::from)?;
     let plan_at = |picture_psnr_db| {
         let options = SmallOptions { sensitivity: job.sensitivity, picture_psnr_db };
         SmallPlan::new(job.scene, &options, job.to)
     };
-    let plan = plan_at(job.picture_psnr_db)?;
-    let mut scene = plan_at(EXACT_PSNR_DB)?.rounded(job.scene, job.to)?;
+    let plan = plan_at(job.picture_psnr_db).map_err(TrainError::from)?;
+    let exact = plan_at(EXACT_PSNR_DB).map_err(TrainError::from)?;
+    let mut scene = exact.rounded(job.scene, job.to).map_err(TrainError::from)?;
     let data = read_data(job.data, job.config, false)?;
     let mut steps = Steps::new(gpu, &scene, &data, job.config)?;
     let (record_sources, _) = sources_of_records(&scene.offset_runs(), scene.offsets.len());
@@ -117,7 +123,7 @@ pub fn finish(gpu: &Arc<Gpu>, job: &FinishJob<'_>, mut on_step: impl FnMut()) ->
         if step == held_from {
             std::mem::take(&mut sums).write_means(&mut scene);
         }
-        let rounded = plan.rounded(&scene, job.to)?;
+        let rounded = plan.rounded(&scene, job.to).map_err(TrainError::from)?;
         if step == held_from {
             scene.clone_from(&rounded);
         }
@@ -141,7 +147,7 @@ pub fn finish(gpu: &Arc<Gpu>, job: &FinishJob<'_>, mut on_step: impl FnMut()) ->
         if averaged.iter().any(|steps| steps.contains(&step)) {
             sums.add(&scene);
         }
-        on_step();
+        on_step()?;
     }
     sums.write_means(&mut scene);
     Ok(Finished { scene, plan, warnings: data.warnings })

@@ -53,7 +53,7 @@ pub fn sensitivity_cameras(data: &Path) -> Result<Vec<Camera>, IoError> {
     Ok(views.iter().step_by(views.len().div_ceil(MOST_VIEWS).max(1)).map(|view| view.camera.clone()).collect())
 }
 
-/// Writes a scene as `--pack small`, as precisely as these views need. `on_view` is called after each.
+/// Writes a scene as `--pack small`, as precisely as these views need.
 ///
 /// # Errors
 /// As for [`measure_sensitivity`], or the file cannot be written.
@@ -63,92 +63,120 @@ pub fn write_small(
     scene: &InstancedScene,
     cameras: &[Camera],
     picture_psnr_db: f64,
-    on_view: impl FnMut(),
 ) -> Result<(), TrainError> {
-    let sensitivity = measure_sensitivity(gpu, scene, cameras, on_view)?;
+    let sensitivity = measure_sensitivity::<TrainError>(gpu, scene, cameras, || Ok(()))?;
     Ok(write_small_scene_file(path, scene, &SmallOptions { sensitivity: &sensitivity, picture_psnr_db })?)
 }
 
-/// Measures a scene's sensitivity from these cameras, one probe each. `on_view` is called after each.
+/// Measures a scene's sensitivity from these cameras, one probe each. `on_view` is called after each; `E` is the caller's error
+/// type, with which it can stop.
 ///
 /// # Errors
-/// There are no cameras; the scene is inconsistent or beyond the device's limits; the device fails.
-pub fn measure_sensitivity(
+/// There are no cameras; the scene is inconsistent or beyond the device's limits; the device fails; or what `on_view` returns.
+pub fn measure_sensitivity<E: From<TrainError>>(
     gpu: &Arc<Gpu>,
     scene: &InstancedScene,
     cameras: &[Camera],
-    mut on_view: impl FnMut(),
-) -> Result<Sensitivity, TrainError> {
-    let Some(largest) = cameras.iter().map(|c| [c.width, c.height]).reduce(|a, b| [a[0].max(b[0]), a[1].max(b[1])])
-    else {
-        return Err(TrainError::NoViews);
-    };
-    let mut runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), largest, false)?;
-    let copies = Unshared::of(scene);
-    let mut state = DeviceState::new(gpu, &copies.unshared, runner.chunk_size())?;
-    let gaussian = GaussianRates {
-        means: NO_RATE,
-        sh_dc: NO_RATE,
-        sh_rest: NO_RATE,
-        opacity: NO_RATE,
-        log_scales: NO_RATE,
-        quats: NO_RATE,
-    };
-    let rates = Rates {
-        template: gaussian,
-        background: gaussian,
-        offsets: gaussian,
-        color_matrices: 0.0,
-        poses: PoseRates::default(),
-    };
-    let options = RenderOptions::of(scene);
-    let mut shapes = ShapeSums::new(&copies.unshared);
-    let mut values = 0.0;
+    mut on_view: impl FnMut() -> Result<(), E>,
+) -> Result<Sensitivity, E> {
+    let mut measurement = Measurement::new(gpu, scene, cameras)?;
     for (step, camera) in (0..).zip(cameras) {
+        measurement.add(step, camera)?;
+        on_view()?;
+    }
+    Ok(measurement.result()?)
+}
+
+/// Probes of a scene, view by view.
+struct Measurement<'a> {
+    gpu: &'a Arc<Gpu>,
+    scene: &'a InstancedScene,
+    copies: Unshared<'a>,
+    runner: StepRunner,
+    state: DeviceState,
+    rates: Rates,
+    shapes: ShapeSums,
+    /// Number of views that are to be added.
+    views: usize,
+    /// Mean number of values of a picture.
+    values: f64,
+}
+
+impl<'a> Measurement<'a> {
+    fn new(gpu: &'a Arc<Gpu>, scene: &'a InstancedScene, cameras: &[Camera]) -> Result<Self, TrainError> {
+        let sizes = cameras.iter().map(|c| [c.width, c.height]);
+        let largest = sizes.reduce(|a, b| [a[0].max(b[0]), a[1].max(b[1])]).ok_or(TrainError::NoViews)?;
+        let runner = StepRunner::new(gpu, Variant::for_training(gpu.caps()), largest, false)?;
+        let copies = Unshared::of(scene);
+        let state = DeviceState::new(gpu, &copies.unshared, runner.chunk_size())?;
+        let gaussian = GaussianRates {
+            means: NO_RATE,
+            sh_dc: NO_RATE,
+            sh_rest: NO_RATE,
+            opacity: NO_RATE,
+            log_scales: NO_RATE,
+            quats: NO_RATE,
+        };
+        let rates = Rates {
+            template: gaussian,
+            background: gaussian,
+            offsets: gaussian,
+            color_matrices: 0.0,
+            poses: PoseRates::default(),
+        };
+        let shapes = ShapeSums::new(&copies.unshared);
+        Ok(Self { gpu, scene, copies, runner, state, rates, shapes, views: cameras.len(), values: 0.0 })
+    }
+
+    fn add(&mut self, step: u64, camera: &Camera) -> Result<(), TrainError> {
         // One view at a time on the device; its buffers are only read by this step, which is waited for.
         let noise = noise_view(camera, &mut Rng::new(SEED).fork(step));
-        values += 3.0 * noise.image.rgba.len() as f64 / cameras.len() as f64;
-        let mut views = TrainViews::from_images(gpu, &[noise])?;
+        self.values += 3.0 * noise.image.rgba.len() as f64 / self.views as f64;
+        let mut views = TrainViews::from_images(self.gpu, &[noise])?;
         let plan = StepPlan {
             step,
             view: 0,
-            options,
-            rates,
-            sh_degree: scene.sh_degree(),
+            options: RenderOptions::of(self.scene),
+            rates: self.rates,
+            sh_degree: self.scene.sh_degree(),
             lambda_dssim: 0.0,
             adam: Adam { beta1: 0.0, beta2: DECAY, epsilon: 1.0, step: step + 1 },
             sh_offsets_every: 1,
             exposure: None,
             mcmc: None,
         };
-        runner.submit(&mut state, &mut views, plan)?;
-        while runner.collect(&mut state, &mut views)?.is_some() {}
-        shapes.add(&shape_gradients(gpu, &state)?);
-        on_view();
+        self.runner.submit(&mut self.state, &mut views, plan)?;
+        while self.runner.collect(&mut self.state, &mut views)?.is_some() {}
+        self.shapes.add(&shape_gradients(self.gpu, &self.state)?);
+        Ok(())
     }
-    // The loss is a mean over the values of a picture, so its gradient is that of the colours' sum divided by them; the
-    // squared error is to be a mean, too.
-    let scale = values / (1.0 - DECAY.powf(cameras.len() as f64));
-    let mut rows = measured_rows(gpu, &state, scale)?;
-    let (source_shapes, offset_shapes) = shapes.scaled(values / cameras.len() as f64);
-    let add = |sum: &mut f32, copy: &f32| *sum += copy;
-    let rows = ParameterSet::from_fn(|parameter| {
-        let values = std::mem::take(&mut rows[parameter]);
-        match parameter.owner() {
-            Owner::Source => copies.of_sources(values, add),
-            Owner::ShBand(l) if l <= scene.templates.sh_degree => copies.of_sources(values, add),
-            Owner::ShBand(_) | Owner::Instance => values,
-            Owner::Offset => copies.of_records(values, add),
+
+    fn result(self) -> Result<Sensitivity, TrainError> {
+        let Self { gpu, scene, copies, state, shapes, views, values, .. } = self;
+        // The loss is a mean over the values of a picture, so its gradient is that of the colours' sum divided by them; the
+        // squared error is to be a mean, too.
+        let scale = values / (1.0 - DECAY.powf(views as f64));
+        let mut rows = measured_rows(gpu, &state, scale)?;
+        let (source_shapes, offset_shapes) = shapes.scaled(values / views as f64);
+        let add = |sum: &mut f32, copy: &f32| *sum += copy;
+        let rows = ParameterSet::from_fn(|parameter| {
+            let values = std::mem::take(&mut rows[parameter]);
+            match parameter.owner() {
+                Owner::Source => copies.of_sources(values, add),
+                Owner::ShBand(l) if l <= scene.templates.sh_degree => copies.of_sources(values, add),
+                Owner::ShBand(_) | Owner::Instance => values,
+                Owner::Offset => copies.of_records(values, add),
+            }
+        });
+        let add = |sum: &mut [f32; 6], copy: &[f32; 6]| sum.iter_mut().zip(copy).for_each(|(sum, copy)| *sum += copy);
+        let source_shapes = copies.of_sources(source_shapes, add);
+        let mut offset_shapes = copies.of_records(offset_shapes, add);
+        if sources_of_records(&scene.offset_runs(), scene.offsets.len()).1 {
+            // Records of several Gaussians have no shape of their own; see `ShapeSums`.
+            offset_shapes.fill([0.0; 6]);
         }
-    });
-    let add = |sum: &mut [f32; 6], copy: &[f32; 6]| sum.iter_mut().zip(copy).for_each(|(sum, copy)| *sum += copy);
-    let source_shapes = copies.of_sources(source_shapes, add);
-    let mut offset_shapes = copies.of_records(offset_shapes, add);
-    if sources_of_records(&scene.offset_runs(), scene.offsets.len()).1 {
-        // Records of several Gaussians have no shape of their own; see `ShapeSums`.
-        offset_shapes.fill([0.0; 6]);
+        Ok(Sensitivity { rows, source_shapes, offset_shapes })
     }
-    Ok(Sensitivity { rows, source_shapes, offset_shapes })
 }
 
 fn noise_view(camera: &Camera, rng: &mut Rng) -> LoadedView {

@@ -18,6 +18,9 @@ pub(super) fn make_data(
     }
     printer.line(format_args!("photos of the scene {recipe}, ray-traced"));
     let mut progress = printer.progress("synth", u64::from(options.views));
-    dataset::write(recipe, folder, options, &mut |done| progress.advance_to(u64::from(done), ""))?;
+    dataset::write::<CliError>(recipe, folder, options, &mut |done| {
+        progress.advance_to(u64::from(done), "");
+        Ok(())
+    })?;
     Ok(())
 }

@@ -105,8 +105,11 @@ pub(super) fn run(args: &SynthArgs, printer: &Printer) -> Result<(), CliError> {
     };
     let start = Instant::now();
     let mut progress = printer.progress("synth", args.views.into());
-    let mut on_view = |done: u32| progress.advance_to(done.into(), "");
-    let truth = dataset::write(&args.name, &args.out, &options, &mut on_view)?;
+    let mut on_view = |done: u32| {
+        progress.advance_to(done.into(), "");
+        Ok(())
+    };
+    let truth = dataset::write::<CliError>(&args.name, &args.out, &options, &mut on_view)?;
     drop(progress);
     let report = report(args, &truth, start.elapsed().as_secs_f64());
     if args.json {

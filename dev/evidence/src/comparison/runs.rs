@@ -51,7 +51,7 @@ impl Runs<'_> {
             let height = f64::from(camera.height) * f64::from(width) / f64::from(camera.width);
             *camera = camera.resized(width, (height.round() as u32).max(1));
         }
-        write_small(self.session.gpu, &file, scene, &cameras, USUAL_PICTURE_PSNR_DB, || ())?;
+        write_small(self.session.gpu, &file, scene, &cameras, USUAL_PICTURE_PSNR_DB)?;
         Ok(file)
     }
 

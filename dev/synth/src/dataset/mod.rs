@@ -150,35 +150,52 @@ fn check(options: &Options) -> Result<(), SynthError> {
 
 /// Writes the data set `name` to the folder `out`: `images/`, `masks/` (with `categories.json`), `depth/` (`.ktx2`,
 /// view-space z, 0 = sky), `transforms.json` and the pair with the split, `points3d.ply`, `groups.json`, and
-/// `groups_noisy.json` on request. `on_view` receives the number of views that are done, starting with 0.
+/// `groups_noisy.json` on request. `on_view` receives the number of views that are done, starting with 0; `E` is the caller's
+/// error type, with which it can stop: what is written until then stays.
 ///
 /// # Errors
-/// An unknown name; an option out of range; a folder with other content; a file that cannot be written.
-pub fn write(name: &str, out: &Path, options: &Options, on_view: &mut dyn FnMut(u32)) -> Result<Truth, SynthError> {
+/// An unknown name; an option out of range; a folder with other content; a file that cannot be written; or what `on_view` returns.
+pub fn write<E: From<SynthError>>(
+    name: &str,
+    out: &Path,
+    options: &Options,
+    on_view: &mut dyn FnMut(u32) -> Result<(), E>,
+) -> Result<Truth, E> {
     let scene = build(name, options)?;
     let cameras = match options.flight {
         Some(distances) => scene.rig.flight(options.views, options.size, distances),
         None => scene.rig.cameras(options.views, options.size, options.seed),
     };
-    files::prepare(out)?;
-    write_mark(name, out, options)?;
     let groups = truth::groups(&scene);
-    write_groups(&out.join("groups.json"), &groups)?;
-    files::write_names(out, &groups)?;
     let disturbed = options.pose_noise.map(|noise| truth::disturbed_groups(&scene, noise, options.seed));
-    write_disturbed(out, disturbed.as_deref())?;
-    on_view(0);
+    begin(name, out, options, &groups, disturbed.as_deref()).map_err(SynthError::from)?;
+    on_view(0)?;
     let light = light_of(&scene, &cameras, options.seed);
     let cloud = points::cloud(&scene, &light, &cameras, options.seed);
-    write_points(&out.join("points3d.ply"), &cloud)?;
+    write_points(&out.join("points3d.ply"), &cloud).map_err(SynthError::from)?;
     for (i, camera) in cameras.iter().enumerate() {
         let frame = frame::take(&scene, &light, camera, options.seed, i as u64);
-        files::write_view(out, camera, frame)?;
-        on_view(i as u32 + 1);
+        files::write_view(out, camera, frame).map_err(SynthError::from)?;
+        on_view(i as u32 + 1)?;
     }
-    files::write_cameras(out, &cameras)?;
+    files::write_cameras(out, &cameras).map_err(SynthError::from)?;
     let triangles = scene.world.triangles();
     Ok(Truth { cameras, groups, disturbed, points: cloud.len(), triangles })
+}
+
+/// Makes the folder, and writes what is known before a view is drawn.
+fn begin(
+    name: &str,
+    out: &Path,
+    options: &Options,
+    groups: &[PosedGroup],
+    disturbed: Option<&[PosedGroup]>,
+) -> Result<(), IoError> {
+    files::prepare(out)?;
+    write_mark(name, out, options)?;
+    write_groups(&out.join("groups.json"), groups)?;
+    files::write_names(out, groups)?;
+    write_disturbed(out, disturbed)
 }
 
 /// Computes the indirect light of the surfaces that the cameras see.

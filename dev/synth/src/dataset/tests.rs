@@ -28,7 +28,7 @@ fn the_same_options_give_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let noisy = Options { views: 3, size: (16, 9), pose_noise: Some(PoseNoise { degrees: 2.0, part: 0.02 }), ..TINY };
     let make = |options: &Options, name: &str| {
-        write("unrelated", &folder.path().join(name), options, &mut |_| {}).unwrap();
+        write::<SynthError>("unrelated", &folder.path().join(name), options, &mut |_| Ok(())).unwrap();
         bytes_below(&folder.path().join(name))
     };
     let first = make(&noisy, "a");
@@ -44,7 +44,7 @@ fn the_same_options_give_the_same_bytes() {
 }
 
 fn bytes_of(out: &Path, options: &Options) -> BTreeMap<String, Vec<u8>> {
-    write("unrelated", out, options, &mut |_| {}).unwrap();
+    write::<SynthError>("unrelated", out, options, &mut |_| Ok(())).unwrap();
     bytes_below(out)
 }
 
@@ -81,7 +81,11 @@ fn masks_groups_and_split_agree() {
     let out = folder.path();
     let mut told = Vec::new();
     let options = Options { size: (48, 27), ..TINY };
-    let truth = write("hall", out, &options, &mut |done| told.push(done)).unwrap();
+    let truth = write::<SynthError>("hall", out, &options, &mut |done| {
+        told.push(done);
+        Ok(())
+    })
+    .unwrap();
     assert_eq!(told, (0..=9).collect::<Vec<_>>());
     let groups = read_groups(&out.join("groups.json")).unwrap();
     assert_eq!(groups, truth.groups);
@@ -239,7 +243,7 @@ fn bounds_and_names() {
     assert!(text("cars", Options { pose_noise: noise, ..TINY }).starts_with("pose-noise"));
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("diary.txt"), "mine").unwrap();
-    let error = write("cars", folder.path(), &TINY, &mut |_| {}).unwrap_err();
+    let error = write::<SynthError>("cars", folder.path(), &TINY, &mut |_| Ok(())).unwrap_err();
     assert!(error.to_string().contains("not empty"), "{error}");
 }
 
