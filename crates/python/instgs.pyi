@@ -146,9 +146,10 @@ class Scene:
 
         pack is for .instgs and .html; with data, a data set's folder, "small" is only as precise as its views need for pictures of
         picture_psnr dB. finish: number of steps, some 400, in which the written scene is trained through its rounding with the
-        photos of data, taken as those of the run folder run were (None = whole, before black); this one does not change. Ctrl-C
-        stops what data takes, and nothing is written. up: the direction that becomes +y of .glb, .usda and .usdc, and points up in .html. device: for data. Both
-        are warned of where they are not used. Raises Error."""
+        photos of data; this one does not change. run: the folder of the scene's run, which says their width, masks, background
+        and exposures; without it they are taken at full size, on black. Ctrl-C is looked for after each view and step, and
+        before the file is written. up: the direction that becomes +y of .glb, .usda and .usdc, and points up in .html. device:
+        for data. Both are warned of where they are not used. Raises Error."""
     def copy(self) -> Scene:
         """An independent copy."""
     @overload

@@ -392,9 +392,14 @@ impl DeviceScene {
         self.table.iter().for_each(InstanceTable::submitted);
     }
 
+    /// True if the next frame begins with writing rows of instances that have changed.
+    pub fn has_changes(&self) -> bool {
+        self.table.as_ref().is_some_and(InstanceTable::has_changes)
+    }
+
     /// Writes rows that no frame has written yet, before the device's table is read.
     pub(super) fn write_changes(&self, gpu: &Arc<Gpu>) -> Result<(), GpuError> {
-        if !self.table.as_ref().is_some_and(InstanceTable::has_changes) {
+        if !self.has_changes() {
             return Ok(());
         }
         let mut recorder = Recorder::new(gpu)?;

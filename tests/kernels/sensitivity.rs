@@ -197,6 +197,14 @@ fn sensitivity_is_the_squared_derivative_of_pictures() {
     let again = measure_sensitivity::<TrainError>(&gpu, scene, &cameras[..5], || Ok(())).unwrap();
     assert_eq!(again, measure_sensitivity::<TrainError>(&gpu, scene, &cameras[..5], || Ok(())).unwrap());
     assert!(measure_sensitivity::<TrainError>(&gpu, scene, &[], || Ok(())).is_err());
+    // Whoever calls it can end it after any view.
+    let mut views = 0;
+    let stopped = measure_sensitivity::<TrainError>(&gpu, scene, &cameras[..5], || {
+        views += 1;
+        if views == 2 { Err(TrainError::NoViews) } else { Ok(()) }
+    });
+    assert!(matches!(stopped, Err(TrainError::NoViews)));
+    assert_eq!(views, 2);
     assert_silent(&gpu);
 }
 

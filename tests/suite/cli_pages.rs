@@ -142,8 +142,11 @@ fn frames_of_a_scene_in_pages_are_timed() {
     write_cameras(&file, &cameras()).unwrap();
     let bench = |more: &[&str]| {
         let mut command = program();
-        command.env("INSTGS_VALIDATION", "1").args(["bench", "--json", "--frames", "4", "--scene"]).arg(&scene);
+        command.env("INSTGS_VALIDATION", "1").args(["bench", "--json", "--scene"]).arg(&scene);
         command.arg("--camera").arg(&file).args(more);
+        if !more.contains(&"--frames") {
+            command.args(["--frames", "4"]);
+        }
         command
     };
     let (whole, _) = report(&mut bench(&[]));
@@ -157,15 +160,23 @@ fn frames_of_a_scene_in_pages_are_timed() {
     // Less of it is in memory, and no view saw it coarser.
     let bytes = |report: &Value, of: &str| report["bytes"][of].as_u64().unwrap();
     assert!(bytes(&in_pages, "host") < bytes(&whole, "host") / 3, "{in_pages}");
+    assert!(bytes(&in_pages, "device_peak") > bytes(&in_pages, "device_scene"), "{in_pages}");
     assert_eq!((in_pages.get("coarser_views"), whole.get("coarser_views")), (None, None));
     // Each camera is drawn several times, and counted once.
     let (coarser, warnings) = report(&mut bench(&["--host-memory-mb", "1", "--device-memory-mb", "6"]));
     assert_eq!(coarser["coarser_views"].as_u64(), Some(3), "{coarser}");
     assert!(warnings.contains("3 of 3 views"), "{warnings}");
+    let little = ["--frames", "2", "--host-memory-mb", "1", "--device-memory-mb", "6"];
+    let (of_two, warnings) = report(&mut bench(&little));
+    assert_eq!(of_two["coarser_views"].as_u64(), Some(2), "{of_two}");
+    assert!(warnings.contains("2 of 2 views") && warnings.contains("too few for 3 cameras"), "{warnings}");
+    // Scenes that are compared are read as a whole.
+    let (both, _) = report(&mut bench(&["--against", scene.to_str().unwrap()]));
+    assert_eq!(bytes(&both, "host"), bytes(&whole, "host"));
     for flag in [&["--lod", "1"][..], &["--against", scene.to_str().unwrap()]] {
-        let output = bench(&[flag, &["--host-memory-mb", "1"]].concat()).assert().failure().get_output().clone();
+        let output = bench(&[flag, &["--host-memory-mb", "1"]].concat()).assert().code(2).get_output().clone();
         let error = String::from_utf8(output.stderr).unwrap();
-        assert!(error.contains(&format!("{} measures scenes as a whole", flag[0])), "{error}");
+        assert!(error.contains("cannot be used with"), "{error}");
     }
 }
 

@@ -1,20 +1,23 @@
 //! `instgs-vk bench`: the flags of the measurement, and its report as a table. [`instgs_eval::bench`] measures.
 
 use std::cell::Cell;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::bench_report::print_report;
-use super::followed::{Followed, is_none};
+use super::followed::Followed;
 use instgs_console::args::{
-    HostMemoryArgs, JsonArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, parse_lod, parse_precision,
+    HostMemoryArgs, JsonArgs, LookArgs, MemoryArgs, PrecisionArgs, ViewArgs, open_scene_to_draw, parse_lod,
+    parse_precision,
 };
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::opened::{CoarserViews, OpenedScene};
 use instgs_console::{CliError, Printer};
 use instgs_eval::Counts;
 use instgs_eval::bench::{self, MeasurePhase, Report, Subject};
+use instgs_io::LoadedScene;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{DevicePrecision, InstancedScene};
@@ -25,7 +28,8 @@ use instgs_vk::scene::{DevicePrecision, InstancedScene};
 /// the two scenes take turns frame by frame. Ratios above 1 mean that the scene is better than the other.
 ///
 /// A scene with pages that memory is too short for is timed as `render` draws it: pages are read before a frame's time begins. A
-/// warning, and coarser_views in JSON, say how many cameras see it coarser because its pages have no room.
+/// warning, and coarser_views in JSON, say how many cameras see it coarser because its pages have no room. With --against and
+/// --lod scenes are read as a whole.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk bench --scene garden.ply --camera cameras.json --frames 30\n  \
@@ -38,7 +42,7 @@ pub(super) struct BenchArgs {
     #[arg(long, value_name = "S")]
     pub(super) scene: PathBuf,
     /// Scene to compare with, from the same cameras
-    #[arg(long, value_name = "S2")]
+    #[arg(long, value_name = "S2", conflicts_with = "host_memory_mb")]
     against: Option<PathBuf>,
     #[command(flatten)]
     pub(super) precision: PrecisionArgs,
@@ -52,7 +56,7 @@ pub(super) struct BenchArgs {
     pub(super) frames: u32,
     /// Also measures levels of detail at these errors: their cost compared with full quality and, with --data without
     /// --size, with the photos, and the time that they save
-    #[arg(long, value_name = "PX,..", value_delimiter = ',', value_parser = parse_lod, conflicts_with = "against")]
+    #[arg(long, value_name = "PX,..", value_delimiter = ',', value_parser = parse_lod, conflicts_with_all = ["against", "host_memory_mb"])]
     pub(super) lod: Vec<f32>,
     #[command(flatten)]
     pub(super) look: LookArgs,
@@ -70,18 +74,21 @@ struct BenchOutput<'a> {
     #[serde(flatten)]
     report: &'a Report,
     /// Number of cameras whose pages had no room, so that they see the scene coarser than it is; left out if there are none.
-    #[serde(skip_serializing_if = "is_none")]
-    coarser_views: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    coarser_views: Option<NonZeroUsize>,
 }
 
 pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let open = |path: &Path| OpenedScene::open_warned(path, args.host_memory.of_scenes(), printer);
-    let opened = open(&args.scene)?;
     if !args.lod.is_empty() {
-        let OpenedScene::Whole(loaded) = &opened else { return Err(left_in_pages(&args.scene, "--lod")) };
-        return super::bench_lod::run(args, loaded, device_args.choice(), printer);
+        let loaded = open_scene_to_draw(&args.scene, printer)?;
+        return super::bench_lod::run(args, &loaded, device_args.choice(), printer);
     }
-    let opened_against = args.against.as_deref().map(open).transpose()?;
+    let opened = match args.against {
+        // Pages of two scenes would share the memory.
+        Some(_) => OpenedScene::Whole(Box::new(open_scene_to_draw(&args.scene, printer)?)),
+        None => OpenedScene::open_warned(&args.scene, args.host_memory.of_scenes(), printer)?,
+    };
+    let against = args.against.as_deref().map(|path| open_scene_to_draw(path, printer)).transpose()?;
     let cameras = args.views.cameras(opened.scene(), args.look.options(opened.scene()).near, printer)?;
     if cameras.len() > args.frames as usize {
         let (frames, count) = (args.frames, cameras.len());
@@ -90,17 +97,19 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     let gpu = device::open(device_args.choice())?;
     args.memory.limit(&gpu);
     let coarser = Cell::new(CoarserViews::default());
+    let timed = cameras.len().min(args.frames as usize);
     let precision = args.precision.precision();
     let against_precision = args.against_precision.unwrap_or(precision);
-    let timed = cameras.len().min(args.frames as usize);
-    let (scene, against) = match (&args.against, &opened_against) {
-        (Some(path), Some(opened_against)) => {
-            let first = whole(args, &args.scene, &opened, precision)?;
-            (first, Some(whole(args, path, opened_against, against_precision)?))
+    let loaded;
+    let scene = match opened {
+        OpenedScene::Whole(whole_scene) => {
+            loaded = whole_scene;
+            whole(args, &args.scene, &loaded, precision)
         }
-        _ if matches!(opened, OpenedScene::Whole(_)) => (whole(args, &args.scene, &opened, precision)?, None),
-        _ => (in_pages(args, opened, &gpu, &coarser, timed), None),
+        OpenedScene::InPages(_) => in_pages(args, opened, &gpu, &coarser, timed),
     };
+    let against = args.against.as_deref().zip(against.as_ref());
+    let against = against.map(|(path, loaded)| whole(args, path, loaded, against_precision));
     let mut progress = printer.progress("bench", args.frames.into());
     let mut on_event = |phase| {
         if phase == MeasurePhase::Timed {
@@ -116,7 +125,10 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     if let Some(what) = coarser.get().warning() {
         printer.warning(format_args!("{}: {what}", args.scene.display()));
     }
-    if args.json.write(&BenchOutput { report: &report, coarser_views: coarser.get().count() }, printer)? {
+    if args
+        .json
+        .write(&BenchOutput { report: &report, coarser_views: NonZeroUsize::new(coarser.get().count()) }, printer)?
+    {
         print_report(&report, printer);
     }
     Ok(())
@@ -127,16 +139,15 @@ pub(super) fn options(args: &BenchArgs, scene: &InstancedScene, device_precision
     RenderOptions { device_precision, ..args.memory.apply(args.look.options(scene)) }
 }
 
-/// A scene that is compared with another one: as a whole, since pages of two would share the memory.
+/// A scene that is in host memory as a whole.
 fn whole<'a>(
     args: &BenchArgs,
     path: &Path,
-    opened: &'a OpenedScene,
+    loaded: &'a LoadedScene,
     precision: DevicePrecision,
-) -> Result<Subject<'a, CliError>, CliError> {
-    let OpenedScene::Whole(loaded) = opened else { return Err(left_in_pages(path, "--against")) };
+) -> Subject<'a, CliError> {
     let options = options(args, &loaded.scene, precision);
-    Ok(Subject::whole(path.display().to_string(), &loaded.scene, loaded.file_bytes, options))
+    Subject::whole(path.display().to_string(), &loaded.scene, loaded.file_bytes, options)
 }
 
 /// The scene of `--scene` whose background stays in its file. The first `timed` views it is made ready for count in `coarser`.
@@ -149,8 +160,9 @@ fn in_pages<'a>(
 ) -> Subject<'a, CliError> {
     let place = args.scene.display().to_string();
     let (scene, [stored, expanded]) = (opened.scene(), opened.counts());
-    let mut counts = Counts { expanded, ..Counts::of(scene) };
-    counts.background += stored - counts.stored();
+    let standing = Counts::of(scene);
+    let background = stored - standing.template - standing.own;
+    let counts = Counts { background, expanded, ..standing };
     Subject {
         name: place.clone(),
         counts,
@@ -160,16 +172,7 @@ fn in_pages<'a>(
         upload: Box::new(move |renderer, options| {
             let scene = opened.upload(gpu, renderer, options);
             let scene = scene.map_err(|error| CliError::msg(format!("{place}: {error}")))?;
-            Ok(Box::new(Followed { scene, place, to_count: timed, views: coarser }))
+            Ok(Box::new(Followed { scene, place, left_to_count: timed, counted: coarser }))
         }),
     }
-}
-
-/// The error of a flag that measures whole scenes only.
-fn left_in_pages(path: &Path, flag: &str) -> CliError {
-    CliError::msg(format!(
-        "{}: {flag} measures scenes as a whole, and reading this one takes more host memory than there is: give it more \
-         (--host-memory-mb), or leave out {flag}",
-        path.display()
-    ))
 }

@@ -2,12 +2,13 @@
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::export::config_beside;
-use super::followed::{Followed, is_none};
+use super::followed::Followed;
 use super::lpips_args::LpipsArgs;
 use super::picture_files;
 use instgs_console::args::{HostMemoryArgs, JsonArgs, LookArgs, MemoryArgs, SplitArg, create_folder};
@@ -97,8 +98,8 @@ struct EvalOutput<'a> {
     #[serde(flatten)]
     report: &'a EvalReport,
     /// Number of views whose pages had no room, so that they are measured coarser than the scene is; left out if there are none.
-    #[serde(skip_serializing_if = "is_none")]
-    coarser_views: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    coarser_views: Option<NonZeroUsize>,
 }
 
 /// The pictures of `--out`, a file for each view.
@@ -191,7 +192,7 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let fail = |error| CliError::msg(format!("{place}: {error}"));
     let scene = opened.upload(&gpu, &renderer, &options).map_err(fail)?;
     let coarser = Cell::new(CoarserViews::default());
-    let scene = Followed { scene, place: place.to_string(), to_count: views.len(), views: &coarser };
+    let scene = Followed { scene, place: place.to_string(), left_to_count: views.len(), counted: &coarser };
     let mut progress = printer.progress("eval", views.len() as u64);
     let extras = Extras { lpips: lpips.as_ref(), exposures: args.exposures };
     let (mut visible, mut files) = (0, pictures.iter().flat_map(|pictures| &pictures.files));
@@ -218,7 +219,10 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
         printer.warning(format_args!("LPIPS has no mean: some pictures are too small for {net}"));
     }
     device::check_validation(&gpu)?;
-    if !args.json.write(&EvalOutput { report: &report, coarser_views: coarser.get().count() }, printer)? {
+    if !args
+        .json
+        .write(&EvalOutput { report: &report, coarser_views: NonZeroUsize::new(coarser.get().count()) }, printer)?
+    {
         return Ok(());
     }
     print_table(&report, printer);

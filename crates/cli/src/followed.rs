@@ -13,26 +13,26 @@ pub(super) struct Followed<'a> {
     pub(super) scene: DrawnScene,
     /// Path of its file, for errors.
     pub(super) place: String,
-    /// Views that are still to be counted: measuring frames draws each one again and again.
-    pub(super) to_count: usize,
-    pub(super) views: &'a Cell<CoarserViews>,
+    /// Number of views that are still to be counted: `bench` draws each one again and again.
+    pub(super) left_to_count: usize,
+    /// The views so far. The caller reads it when what measures, which owns this, is done.
+    pub(super) counted: &'a Cell<CoarserViews>,
 }
 
 impl SceneOfViews<CliError> for Followed<'_> {
     fn ready_for(&mut self, camera: &Camera, options: &RenderOptions) -> Result<&DeviceScene, CliError> {
         let fail = |error| CliError::msg(format!("{}: view {}: {error}", self.place, camera.name));
         let pages = self.scene.follow(camera, options).map_err(fail)?;
-        if self.to_count > 0 {
-            self.to_count -= 1;
-            let mut views = self.views.get();
-            views.add(&pages);
-            self.views.set(views);
+        if self.left_to_count > 0 {
+            self.left_to_count -= 1;
+            let mut counted = self.counted.get();
+            counted.add(&pages);
+            self.counted.set(counted);
         }
         Ok(self.scene.device())
     }
-}
 
-/// For counts that are left out of JSON where nothing is coarser.
-pub(super) fn is_none(count: &usize) -> bool {
-    *count == 0
+    fn on_device(&self) -> &DeviceScene {
+        self.scene.device()
+    }
 }

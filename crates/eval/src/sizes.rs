@@ -46,7 +46,8 @@ fn is_zero(count: &u64) -> bool {
 pub struct Bytes {
     /// Length of the scene file.
     pub file: u64,
-    /// Scene tensors uploaded to the device, as f32.
+    /// Numbers of the scene that were read into host memory, as f32: of a scene in pages, coarse levels in place of its
+    /// background.
     pub host: u64,
     /// Scene buffers that kernels read.
     pub device_scene: u64,

@@ -15,6 +15,9 @@ pub trait SceneOfViews<E> {
     /// # Errors
     /// Whatever keeps the scene from being made ready.
     fn ready_for(&mut self, camera: &Camera, options: &RenderOptions) -> Result<&DeviceScene, E>;
+
+    /// The scene as the last view left it.
+    fn on_device(&self) -> &DeviceScene;
 }
 
 /// All of this scene is there: no view has anything to wait for.
@@ -22,12 +25,20 @@ impl<E> SceneOfViews<E> for DeviceScene {
     fn ready_for(&mut self, _: &Camera, _: &RenderOptions) -> Result<&DeviceScene, E> {
         Ok(self)
     }
+
+    fn on_device(&self) -> &DeviceScene {
+        self
+    }
 }
 
 /// The same for a scene that others draw, too.
 impl<E> SceneOfViews<E> for &DeviceScene {
     fn ready_for(&mut self, _: &Camera, _: &RenderOptions) -> Result<&DeviceScene, E> {
         Ok(self)
+    }
+
+    fn on_device(&self) -> &DeviceScene {
+        self
     }
 }
 

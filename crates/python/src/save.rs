@@ -1,5 +1,6 @@
 //! Writing a scene, as the command line's `export` does.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -18,6 +19,9 @@ use pyo3::prelude::*;
 
 use crate::device::{DeviceName, check_validation, open_device};
 use crate::error::{OrRaise, Stopped, look_for_ctrl_c, raised, warn};
+
+/// As many steps as `export --finish` takes.
+const MOST_STEPS: u64 = 100_000;
 
 /// How a scene is written.
 pub(crate) struct How {
@@ -54,7 +58,7 @@ fn unused(how: &How, format: ExportFormat, device: bool) -> Vec<&'static str> {
     found.into_iter().filter(|(is_unused, _)| *is_unused).map(|(_, text)| text).collect()
 }
 
-/// How photos are taken for `finish`: as the scene's run took them, by default whole and before black.
+/// How photos are taken for `finish`: as the scene's run took them, by default at full size, on black, without masks.
 fn config_of(how: &How) -> PyResult<TrainConfig> {
     match &how.run {
         None => Ok(TrainConfig::default()),
@@ -84,47 +88,47 @@ pub(crate) fn save(
         if !(10.0..=120.0).contains(&psnr) {
             return Err(raised(format_args!("picture_psnr is {psnr}: must be from 10 to 120 dB")));
         }
+        if how.finish > MOST_STEPS {
+            return Err(raised(format_args!("finish is {}: must be from 0 to {MOST_STEPS} steps", how.finish)));
+        }
         let config = config_of(&how)?;
         let gpu = open_device(py, device)?;
         let write = || -> Result<Vec<String>, Stopped<TrainError>> {
             let cameras = sensitivity_cameras(data).map_err(TrainError::from)?;
             let sensitivity = &measure_sensitivity(&gpu, scene, &cameras, look_for_ctrl_c)?;
-            let planned = if how.finish > 0 {
+            let (scene, plan, warnings) = if how.finish > 0 {
                 let steps = how.finish;
                 let job = FinishJob { scene, sensitivity, picture_psnr_db: psnr, data, config: &config, to, steps };
-                finish(&gpu, &job, look_for_ctrl_c)?
+                let Finished { scene, plan, warnings } = finish(&gpu, &job, look_for_ctrl_c)?;
+                (Cow::Owned(scene), plan, warnings)
             } else {
                 let small = SmallOptions { sensitivity, picture_psnr_db: psnr };
                 let plan = SmallPlan::new(scene, &small, to).map_err(TrainError::from)?;
-                Finished { scene: scene.clone(), plan, warnings: Vec::new() }
+                (Cow::Borrowed(scene), plan, Vec::new())
             };
-            let (scene, plan) = (&planned.scene, &planned.plan);
+            // The last chance: the file is written in one piece.
+            look_for_ctrl_c()?;
             let written = match format {
                 ExportFormat::Page(pack) => {
-                    let usual = PageOptions::of_views(scene, pack, &cameras);
+                    let usual = PageOptions::of_views(&scene, pack, &cameras);
                     let up = how.up.unwrap_or(usual.up);
-                    write_page(to, scene, &PageOptions { small: Some(plan), up, ..usual })
+                    write_page(to, &scene, &PageOptions { small: Some(&plan), up, ..usual })
                 }
-                _ => write_planned_scene_file(to, scene, plan),
+                _ => write_planned_scene_file(to, &scene, &plan),
             };
             written.map_err(TrainError::from)?;
-            Ok(planned.warnings)
+            Ok(warnings)
         };
         let mut notes = py.detach(write)?;
         check_validation(&gpu)?;
         notes.extend(ExportedScene::default().notes(to, scene, format));
         return notes.into_iter().try_for_each(|note| warn(py, note));
     }
-    for (given, name, what) in [
-        (how.picture_psnr.is_some(), "picture_psnr", "is that of a data set's views"),
-        (how.finish > 0, "finish", "trains with a data set's photos"),
-    ] {
-        if given {
-            return Err(raised(format_args!("{name} {what}: give its folder as data")));
-        }
+    if how.picture_psnr.is_some() {
+        return Err(raised("picture_psnr is that of a data set's views: give its folder as data"));
     }
-    if how.run.is_some() {
-        return Err(raised("run says how finish takes photos: give finish and data, too"));
+    if how.finish > 0 || how.run.is_some() {
+        return Err(raised("finish and run are for the photos of a data set: give its folder as data"));
     }
     let exported = py.detach(|| export_scene(to, scene, format, Orbit::around(scene, how.up).up)).or_raise()?;
     exported.notes(to, scene, format).into_iter().try_for_each(|note| warn(py, note))

@@ -100,9 +100,10 @@ impl Scene {
     /// them expanded.
     ///
     /// pack, for .instgs and .html: "f32", "f16", "q8" or "small"; with data, a data set's folder, "small" is only as precise as its
-    /// views need for pictures of picture_psnr dB. finish: number of steps, some 400, in which the written scene is trained through
-    /// its rounding with the photos of data, taken as those of the run folder run were (None = whole, before black); this one does
-    /// not change. Ctrl-C stops what data takes, and nothing is written. up: the direction that becomes +y of .glb, .usda and .usdc,
+    /// views need for pictures of picture_psnr dB. finish: number of steps, some 400, in which the written scene is trained
+    /// through its rounding with the photos of data; this one does not change. run: the folder of the scene's run, which says
+    /// their width, masks, background and exposures; without it they are taken at full size, on black. Ctrl-C is looked for
+    /// after each view and step, and before the file is written. up: the direction that becomes +y of .glb, .usda and .usdc,
     /// and points up in .html. device: for data. up and device are warned of where they are not used.
     #[pyo3(signature = (
         path, pack = None, *, data = None, picture_psnr = None, finish = 0, run = None, up = None, device = None

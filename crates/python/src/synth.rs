@@ -10,7 +10,8 @@ use crate::error::{Stopped, look_for_ctrl_c};
 /// Renders photos of a procedural scene with repeated objects, with masks, depths, poses, cameras and points, into a folder.
 ///
 /// name: "cars", or another scene of `instgs-vk synth`; size: (width, height), pixels; instances: the number of objects, by
-/// default the scene's. The same values give the same bytes. Ctrl-C stops it after a photo. Raises Error.
+/// default the scene's. The same values give the same bytes. Ctrl-C stops it after a
+/// photo: what is there stays, and the same call begins anew. Raises Error.
 #[pyfunction]
 #[pyo3(signature = (out, name = "cars", *, views = 48, size = (320, 180), seed = 1, instances = None))]
 pub(crate) fn synth(

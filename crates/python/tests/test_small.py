@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import time
 
 import pytest
 
@@ -35,11 +36,12 @@ def test_a_small_file_is_finished_as_by_export(run, data, tmp_path, program):
 def test_what_does_not_belong_together_is_refused(run, data, tmp_path):
     save = lambda **more: run.scene.save(tmp_path / "x.instgs", pack="small", **more)  # noqa: E731
     for more, words in [
-        ({"finish": 5}, "finish trains with a data set's photos"),
+        ({"finish": 5}, "finish and run are for the photos of a data set"),
         ({"picture_psnr": 40}, "give its folder as data"),
-        ({"run": run.folder}, "give finish and data, too"),
+        ({"run": run.folder}, "finish and run are for the photos of a data set"),
         ({"run": run.folder, "data": data}, "give finish, too"),
         ({"run": tmp_path / "none", "data": data, "finish": 5}, "none"),
+        ({"data": data, "finish": 100_001}, "must be from 0 to 100000 steps"),
     ]:
         with pytest.raises(instgs.Error) as error:
             save(**more)
@@ -47,14 +49,31 @@ def test_what_does_not_belong_together_is_refused(run, data, tmp_path):
     assert not (tmp_path / "x.instgs").exists()
 
 
-def test_ctrl_c_stops_long_work(run, data, tmp_path):
-    for work in (
-        lambda: run.scene.save(tmp_path / "x.instgs", pack="small", data=data, finish=1_000_000),
-        lambda: instgs.synth(tmp_path / "cars", "cars", views=5000, size=(96, 54), instances=3),
-    ):
-        timer = threading.Timer(3, os.kill, (os.getpid(), signal.SIGINT))
-        timer.start()
+def stopped_by_ctrl_c(work):
+    """Does the work, presses Ctrl-C after a second, and returns how many seconds later it ended."""
+    pressed = []
+
+    def press():
+        pressed.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    timer = threading.Timer(1, press)
+    timer.start()
+    try:
         with pytest.raises(KeyboardInterrupt):
             work()
+        return time.monotonic() - pressed[0]
+    finally:
+        timer.cancel()
         timer.join()
-    assert not (tmp_path / "x.instgs").exists()
+
+
+def test_ctrl_c_stops_long_work(run, data, tmp_path):
+    out = tmp_path / "x.instgs"
+    assert stopped_by_ctrl_c(lambda: run.scene.save(out, pack="small", data=data, finish=100_000)) < 20
+    assert not out.exists()
+    size = {"size": (96, 54), "instances": 3}
+    assert stopped_by_ctrl_c(lambda: instgs.synth(tmp_path / "cars", "cars", views=5000, **size)) < 20
+    # What it leaves is not in the way.
+    instgs.synth(tmp_path / "cars", "cars", views=10, **size)
+    assert len(instgs.Camera.of_data(tmp_path / "cars", split="all")) == 10

@@ -159,7 +159,7 @@ fn check(job: &FinishJob<'_>) -> Result<(), IoError> {
     if job.config.exposure.rate > 0.0 {
         return refused(
             "the photos have exposures, which the scene would learn",
-            "leave --finish out: it is for scenes trained without exposure.rate",
+            "write it without finishing it, which is for scenes trained without exposure.rate",
         );
     }
     let mut firsts: Vec<u32> = job.scene.instances.iter().filter_map(|instance| instance.first_offset).collect();
@@ -169,7 +169,7 @@ fn check(job: &FinishJob<'_>) -> Result<(), IoError> {
     if firsts.len() < offsets || matches!(job.scene.with_packed_own(), Cow::Owned(_)) {
         return refused(
             "instances share offsets or Gaussians of their own, as duplicates do, or some belong to none",
-            "finish the scene before it is edited, or leave --finish out",
+            "finish it before it is edited, or write it without finishing it",
         );
     }
     Ok(())

@@ -1,9 +1,9 @@
 //! Times the frames of one scene, or of two in turn.
 //!
-//! Each scene has its own renderer on the same device. Every camera is rendered until no buffer grows any more. What a
-//! scene reads for a view, it reads before that view's time begins. The timed frames follow, A B A B, cycling through the cameras, so that other load on the machine affects both. Finally
-//! some frames are rendered with timestamps by a second renderer, so that timestamps cannot affect the medians;
-//! `profiled_ms` shows their cost.
+//! Each scene has its own renderer on the same device. Every camera is rendered until no buffer grows any more. The
+//! timed frames follow, A B A B, cycling through the cameras, so that other load on the machine affects both. What a
+//! scene reads and uploads for a view comes before that view's time begins. Finally some frames are rendered with
+//! timestamps by a second renderer, so that timestamps cannot affect the medians; `profiled_ms` shows their cost.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -33,7 +33,7 @@ pub struct Subject<'a, E> {
     pub counts: Counts,
     /// Length of the scene file, bytes.
     pub file_bytes: u64,
-    /// Numbers of the scene in host memory, bytes.
+    /// As [`Bytes::host`].
     pub host_bytes: u64,
     /// How the scene is rendered.
     pub options: RenderOptions,
@@ -169,7 +169,7 @@ impl<'a, E: From<BenchError>> Run<'a, E> {
         let variant = *renderer.variant();
         drop(renderer);
         let (passes_ms, profiled_ms) = profile(gpu, variant, &mut drawn, cameras, on_event)?;
-        let scene = drawn.scene.ready_for(&cameras[0], &drawn.options)?;
+        let scene = drawn.scene.on_device();
         let ms = Percentiles::of(&times_ms.concat());
         let mean = |field: fn(&FrameStats) -> u64| {
             (stats.iter().map(field).sum::<u64>() + stats.len() as u64 / 2) / stats.len() as u64
@@ -184,7 +184,7 @@ impl<'a, E: From<BenchError>> Run<'a, E> {
             slabs: stats.slabs,
         };
         Ok(SceneReport {
-            scene: drawn.name,
+            scene: drawn.name.clone(),
             device: gpu.caps().name.clone(),
             driver: gpu.caps().driver.clone(),
             variant,
@@ -224,11 +224,16 @@ pub(super) struct Drawn<'a, E> {
 impl<E: From<BenchError>> Drawn<'_, E> {
     /// Renders a frame, and returns how many milliseconds that took once the scene was ready for it.
     pub(super) fn frame(&mut self, renderer: &mut Renderer, camera: &Camera) -> Result<(FrameStats, f64), E> {
+        let fail = |error| BenchError { scene: self.name.clone(), error };
         let scene = self.scene.ready_for(camera, &self.options)?;
+        if scene.has_changes() {
+            // Pages have come: their copies may still run, and the next frame writes which levels are there.
+            renderer.render(scene, camera, &self.options).map_err(fail)?;
+        }
         let start = Instant::now();
         let stats = renderer.render(scene, camera, &self.options);
         let elapsed_ms = 1e3 * start.elapsed().as_secs_f64();
-        Ok((stats.map_err(|error| BenchError { scene: self.name.clone(), error })?, elapsed_ms))
+        Ok((stats.map_err(fail)?, elapsed_ms))
     }
 }
 
