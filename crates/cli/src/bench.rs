@@ -56,7 +56,13 @@ pub(super) struct BenchArgs {
     pub(super) frames: u32,
     /// Also measures levels of detail at these errors: their cost compared with full quality and, with --data without
     /// --size, with the photos, and the time that they save
-    #[arg(long, value_name = "PX,..", value_delimiter = ',', value_parser = parse_lod, conflicts_with_all = ["against", "host_memory_mb"])]
+    #[arg(
+        long,
+        value_name = "PX,..",
+        value_delimiter = ',',
+        value_parser = parse_lod,
+        conflicts_with_all = ["against", "host_memory_mb"]
+    )]
     pub(super) lod: Vec<f32>,
     #[command(flatten)]
     pub(super) look: LookArgs,
@@ -100,10 +106,11 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     let timed = cameras.len().min(args.frames as usize);
     let precision = args.precision.precision();
     let against_precision = args.against_precision.unwrap_or(precision);
+    // What is measured borrows a scene in host memory; one in pages gives its file away.
     let loaded;
     let scene = match opened {
-        OpenedScene::Whole(whole_scene) => {
-            loaded = whole_scene;
+        OpenedScene::Whole(in_memory) => {
+            loaded = in_memory;
             whole(args, &args.scene, &loaded, precision)
         }
         OpenedScene::InPages(_) => in_pages(args, opened, &gpu, &coarser, timed),
@@ -125,10 +132,8 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     if let Some(what) = coarser.get().warning() {
         printer.warning(format_args!("{}: {what}", args.scene.display()));
     }
-    if args
-        .json
-        .write(&BenchOutput { report: &report, coarser_views: NonZeroUsize::new(coarser.get().count()) }, printer)?
-    {
+    let coarser_views = NonZeroUsize::new(coarser.get().count());
+    if args.json.write(&BenchOutput { report: &report, coarser_views }, printer)? {
         print_report(&report, printer);
     }
     Ok(())

@@ -33,7 +33,7 @@ pub struct Subject<'a, E> {
     pub counts: Counts,
     /// Length of the scene file, bytes.
     pub file_bytes: u64,
-    /// As [`Bytes::host`].
+    /// Bytes of its numbers in host memory, as f32; of a scene in pages, without the pages.
     pub host_bytes: u64,
     /// How the scene is rendered.
     pub options: RenderOptions,
@@ -215,7 +215,7 @@ impl<'a, E: From<BenchError>> Run<'a, E> {
 
 /// A scene on the device, and how it is drawn.
 pub(super) struct Drawn<'a, E> {
-    /// Name in errors.
+    /// Path of its file, which an error begins with.
     pub(super) name: String,
     pub(super) scene: Box<dyn SceneOfViews<E> + 'a>,
     pub(super) options: RenderOptions,
