@@ -9,7 +9,7 @@
 //   `instances` (by instance) and `chunks` (by `first_chunk` + chunk), and `counters`.
 // - Writes `candidate_visible` (0 or 1) and `candidates` (the pair), both by candidate.
 // - Grid: one thread per candidate, indirect (`FAMILY_CANDIDATES`, `ARGS_THREADS`).
-// - Bytes per candidate: 144 read (124 instance of which 60 are used, 20 chunk) and 4 per step of the bisection, about
+// - Bytes per candidate: 152 read (132 instance of which 60 are used, 20 chunk) and 4 per step of the bisection, about
 //   log2(instances) steps; 12 written.
 // - Guarantees: conservative, as in `cull_instances`. Candidates follow instance order, then chunk order, which is
 //   flat order; instances without candidates share an offset with their successor and are never found. Candidates

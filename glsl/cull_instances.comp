@@ -9,7 +9,7 @@
 //   0.
 // - Grid: one thread per instance; the host knows their number. Together with the following scan, which turns the
 //   counts into candidates, it is the only pass whose work grows with all instances.
-// - Bytes per instance: 124 read (92 of them used), 4 written.
+// - Bytes per instance: 132 read (92 of them used), 4 written.
 // - LEVELS: a level is shown if its weight is above 0: its cells are at most `lod_error_px` pixels wide at the nearest
 //   point of the instance's ball, and the next level's are not, or are still fading in (`lod.glsl`; over a quarter of
 //   an octave, within which two levels are drawn). Scenes without levels have kernels without this code.

@@ -7,7 +7,7 @@
 //   `0..COUNTER_SLAB_INTERSECTIONS`. TRAINING: the latter are emission indices, and it writes `slot_from_emission`, and
 //   `emission_ranges` by slot, for the backward pass.
 // - Grid: one thread per splat of the slab, indirect (`FAMILY_SLAB_SPLATS`, `ARGS_THREADS`).
-// - Bytes per splat: 40 read (slot 4, offset 4, count 4, footprint 28); 8 written per intersection.
+// - Bytes per splat: 44 read (slot 4, offset 4, count 4, footprint 32); 8 written per intersection.
 // - Guarantees: pairs are in depth order, within a splat by ascending tile, so the stable sort by tile leaves every
 //   tile's list in depth order. Tiles are found by the functions that counted them (`tile_rows` and `tile_columns` in
 //   `glsl/include/splat.glsl`, `precise`) on the same stored bits; a thread writes exactly the counted number of pairs

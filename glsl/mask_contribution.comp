@@ -7,7 +7,7 @@
 // and no table that could overflow. The host lists the units (`render::contributions`) and sums the entries of a
 // Gaussian.
 //
-// - Reads per unit: 40 bytes a splat, 28 of its footprint and 4 a list entry; ids and, after the first depth slab,
+// - Reads per unit: 40 bytes a splat, 4 of its footprint and 4 a list entry; ids and, after the first depth slab,
 //   transmittances of its pixels.
 // - Writes `contributions`: 8 bytes an entry, the source Gaussian and its sum; (0, 0) once all pixels have ended.
 // - Grid: one subgroup per unit.
@@ -80,7 +80,7 @@ void main() {
             }
             // Integers: the sum does not depend on the order.
             [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) sum += subgroupShuffleXor(sum, mask);
-            if (lane == j) own = sum;
+            own = mix(own, sum, lane == j);
         }
         if (base + lane < range.y) contributions[unit.first_entry + i - range.x] = uvec2(footprints[slot].local, own);
         float live = 0.0;

@@ -9,7 +9,7 @@
 // - Writes `COUNTER_SLAB_END`, `COUNTER_SLAB_INTERSECTIONS`, and the indirect arguments of `FAMILY_SLAB_SPLATS` and
 //   `FAMILY_INTERSECTIONS`.
 // - Grid: one work-group, of which one thread works.
-// - Bytes: 4 read per step, about log2(visible) steps if not all fits; 8 written to counters, 96 to arguments.
+// - Bytes: 4 read per step, about log2(visible) steps if not all fits; 8 written to counters, 72 to arguments.
 // - Guarantees: `FramePlan` makes `capacity` at least the number of tiles, so every slab takes at least one splat and
 //   the loop over slabs ends. Every splat is in exactly one slab. Offsets saturate at 2^32 - 1, which is more than any
 //   capacity: an overflowed count reads as "does not fit", never as a small number.

@@ -25,7 +25,7 @@
 //   (by work item). Slots from the last survivor to the end of a work item are not written.
 // - Grid: one work-group per work item, indirect (`FAMILY_WORK_ITEMS`, `ARGS_ITEMS`); one thread per Gaussian.
 // - Bytes per Gaussian: 44 read, 16 more with offsets. Per survivor: 12 + 12 (degree + 1)^2 read, 24 more with
-//   offsets; 72 written (splat 40, footprint 28, tile count 4). Per work item: 132 read, 4 written.
+//   offsets; 76 written (splat 40, footprint 32, tile count 4). Per work item: 140 read, 4 written.
 // - Guarantees: ranks come from ballots and a count per subgroup, so slots follow flat order and no atomic is used.
 //   Guards (depth > near, opacity >= 1/255, finite sizes) are phrased so that NaN fails them. A splat whose colour is
 //   not finite keeps its tiles with opacity 0: it blends nothing. Every survivor touches at least one tile and has

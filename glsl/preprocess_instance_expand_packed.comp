@@ -6,7 +6,7 @@
 //   arrays, `offset_means` with the logit's offset as fourth number, and `offset_ranges` (by 256 offset records).
 // - Writes the same, with the same grid and guarantees.
 // - Bytes per Gaussian: 26 read, 8 more with offsets of f16, 4 of 8 bits. Per survivor: 12 + 6 (degree + 1)^2 read, 14 or 8 more
-//   with offsets; 72 written.
+//   with offsets; 76 written.
 //
 // Twin: `instgs_reference::preprocess_instance_expand` of the scene that `PackedScene::unpacked` gives. Tests:
 // `tests/kernels/packed.rs`.

@@ -2,7 +2,8 @@
 //
 // Between shuffles nothing may branch by lane: Vulkan does not promise that lanes come together again behind a branch, and
 // a shuffle from a lane that has not is undefined. So conditions are joined by all(bvec), which evaluates both, not by &&,
-// and values are chosen by mix, not by ?:.
+// and values are chosen by mix, not by ?:. Branches are left around stores only: without them a lane would need a place to
+// write what it does not have.
 
 layout(constant_id = 3) const uint COLUMNS_PER_LANE = 1;  // 2 at subgroup size 4, where a row of 8 has more pixels than lanes
 

@@ -15,7 +15,9 @@ float pixels_per_unit(View view, Instance instance) {
 
 // 0 = the cells are too wide, 1 = no finer level is needed.
 float fade_in(float cell, float px, float error_px) {
-    return cell > 0.0 ? clamp(log2(error_px / (cell * px)) / FADE_OCTAVES, 0.0, 1.0) : 1.0;
+    if (cell <= 0.0) return 1.0;
+    float ratio = error_px / (cell * px);
+    return ratio > 0.0 ? clamp(log2(ratio) / FADE_OCTAVES, 0.0, 1.0) : 0.0;  // log2(0) is undefined: at an error of 0 no level is shown
 }
 
 // Weight of an instance's level, 0 to 1.

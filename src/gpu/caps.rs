@@ -92,7 +92,10 @@ impl DeviceCaps {
             default_subgroup_size: v11.subgroup_size,
             can_require_subgroup_size: v13.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_workgroup_subgroups: v13.max_compute_workgroup_subgroups,
-            max_workgroup_invocations: core.limits.max_compute_work_group_invocations,
+            max_workgroup_invocations: core
+                .limits
+                .max_compute_work_group_invocations
+                .min(core.limits.max_compute_work_group_size[0]),
             shared_memory_bytes: core.limits.max_compute_shared_memory_size,
             // What is bound whole is a buffer in an allocation, too.
             max_storage_bytes: u64::from(core.limits.max_storage_buffer_range).min(max_buffer_bytes) / 32 * 32,

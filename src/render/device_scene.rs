@@ -207,15 +207,20 @@ impl DeviceScene {
         }
         check_limit(levels.templates.len() + levels.own.len() + scene.background.len() + spare)?;
         levels.background = scene.background.clone();
-        let sigma_factor = if precision == DevicePrecision::F32 { 1.0 } else { HALF_LOG };
-        let PagedTables { tables, first_block, first_level } =
-            build_paged_tables(&levels, pages, sigma_factor, chunk_size)?;
         let mut pool = InstancedScene { pixel_filter: scene.pixel_filter, ..InstancedScene::default() };
         levels.swap_pool(&mut pool);
-        let packed = match precision {
-            DevicePrecision::F32 => PackedScene::default(),
-            _ => PackedScene::new(&pool, &levels.offset_runs(), precision)?,
-        };
+        let mut packed = PackedScene::default();
+        let mut sigma_factor = 1.0;
+        if precision != DevicePrecision::F32 {
+            packed = PackedScene::new(&pool, &levels.offset_runs(), precision)?;
+            pool = packed.with_unpacked_shapes(&pool);
+            // Pages are packed when they come: their bounds allow for it.
+            sigma_factor = HALF_LOG;
+        }
+        levels.swap_pool(&mut pool);
+        let PagedTables { tables, first_block, first_level } =
+            build_paged_tables(&levels, pages, sigma_factor, chunk_size)?;
+        levels.swap_pool(&mut pool);
         let holding = Holding { precision, on_host_if_large: false };
         let content = Content { scene: &pool, packed: &packed, holding, spare };
         let out = Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)?;
@@ -331,7 +336,7 @@ impl DeviceScene {
     }
 
     /// Moves instances: the next frame's command buffer writes their rows of the instance table, and those of their
-    /// levels. For one instance without levels that is 140 bytes, twice if it has own Gaussians. Frames in flight keep the
+    /// levels. For one instance without levels that is 132 bytes, twice if it has own Gaussians. Frames in flight keep the
     /// poses they began with.
     ///
     /// # Errors

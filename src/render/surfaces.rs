@@ -24,7 +24,8 @@ use super::renderer::Renderer;
 pub struct SurfacePoint {
     /// Index of the instance in the scene; the background's is one more than the last.
     pub instance: u32,
-    /// Index of the Gaussian in its template, after all of these among the instance's own, or in the background.
+    /// Index of the Gaussian in its template, after all of these among the instance's own, or in the background. In a scene with
+    /// levels of detail or in pages: in the level or the block of the background that is drawn.
     pub local: u32,
 }
 

@@ -27,7 +27,8 @@ impl SourceRange {
 
     /// True if the two ranges have a Gaussian in common.
     pub fn overlaps(self, other: Self) -> bool {
-        self.first < other.first + other.count && other.first < self.first + self.count
+        let is_either_empty = self.count == 0 || other.count == 0;
+        !is_either_empty && self.first < other.first + other.count && other.first < self.first + self.count
     }
 }
 
