@@ -248,3 +248,32 @@ fn what_copies_share_has_the_sum_over_them() {
     assert_eq!(of_shared.rows[Parameter::Means], of_unshared.rows[Parameter::Means]);
     assert_silent(&gpu);
 }
+
+/// Of many copies only some are measured with their offsets, and stand for the others.
+#[test]
+fn what_many_copies_share_has_about_the_sum_over_all() {
+    let Some(gpu) = gpu() else { return };
+    let mut case = random_case(3);
+    add_rare_offsets(&mut Rng::new(4), &mut case.scene, u64::MAX);
+    let scene = &mut case.scene;
+    let original = scene.instances.iter().find(|instance| instance.first_offset.is_some()).unwrap().clone();
+    scene.instances = vec![original];
+    (scene.own_ranges, scene.color_from_template, scene.groups) = Default::default();
+    scene.own = scene.own.filtered(|_| false);
+    let mut rng = Rng::new(5);
+    for _ in 0..31 {
+        let mut copy = scene.instances[0].clone();
+        let aside = Similarity::from_parts(glam::DMat3::IDENTITY, 1.0, 0.2 * rng.normal_vector());
+        copy.world_from_template = aside.after(&copy.world_from_template);
+        scene.instances.push(copy);
+    }
+    let cameras = vec![case.camera.clone(); 5];
+    let total = |scene: &InstancedScene| -> f32 {
+        let of = measure_sensitivity::<TrainError>(&gpu, scene, &cameras, || Ok(())).unwrap();
+        of.rows[Parameter::OffsetShDc].iter().sum()
+    };
+    let ratio = total(scene) / total(&scene.with_unshared_offsets(usize::MAX));
+    // Which copies are measured is chance: 8 of 32 alone have 0.15 here.
+    assert!((0.4..2.5).contains(&ratio), "{ratio}");
+    assert_silent(&gpu);
+}

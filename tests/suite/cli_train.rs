@@ -282,6 +282,10 @@ fn folders_caps_and_more_steps() {
     let config = fs::read(at.join("run/config.toml")).unwrap();
     let text = error_of(&mut train(&at, "run", &["--steps", "70", "--resume"]));
     assert!(text.contains("step 90") && text.contains("steps = 70"), "{text}");
+    let cloud = fs::read(at.join("run/point_cloud.ply")).unwrap();
+    let text = error_of(&mut train(&at, "run", &["--resume", "--method", "instgs"]));
+    assert!(text.contains("method = 3dgs") && text.contains("cannot continue with instgs"), "{text}");
+    assert!(fs::read(at.join("run/point_cloud.ply")).unwrap() == cloud);
     assert!(fs::read(at.join("run/config.toml")).unwrap() == config);
     fs::remove_file(at.join("data/points3d.ply")).unwrap();
     let random = ["--set", "init=random", "--set", "init_count=500", "--steps", "10", "--width", "64"];

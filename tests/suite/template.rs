@@ -210,6 +210,29 @@ fn the_embedded_scene_comes_back() {
     }
 }
 
+/// Poses from a frame of other units give the same scene, with a template about as large as its instances.
+#[test]
+fn templates_have_the_size_of_their_instances() {
+    let input = cars(3, 4, 0.0);
+    let options = TemplateOptions { source: TemplateSource::Single, ..TemplateOptions::default() };
+    let flat = build_one(&input, &options).scene.flatten();
+    for units in [1e-2, 1.5, 300.0] {
+        let mut other = Input { cloud: input.cloud.clone(), labels: input.labels.clone(), group: input.group.clone() };
+        let old_from_new = Similarity::from_parts(DMat3::IDENTITY, units, glam::DVec3::ZERO);
+        for instance in &mut other.group.instances {
+            instance.world_from_template = instance.world_from_template.after(&old_from_new);
+        }
+        let built = build_one(&other, &options);
+        for (instance, given) in built.scene.instances.iter().zip(&other.group.instances) {
+            let (scale, given) = (instance.world_from_template.scale(), given.world_from_template.scale());
+            assert!((0.5..2.0).contains(&scale), "{units}: {scale}");
+            assert_eq!(scale == given, units == 1.5, "frames of about the right size stay");
+        }
+        let (mass, color) = voxel_difference(&flat, &built.scene.flatten(), 0.15);
+        assert!(mass < 1e-3 && color < 1e-3, "{units}: {mass} {color}");
+    }
+}
+
 /// See the module's table. Six cars instead of eight, and the orders that the defaults were chosen by.
 #[test]
 fn differences_and_stratified_draws_are_nearest_to_the_instances() {

@@ -57,10 +57,20 @@ pub enum TrainError {
     #[error("view {0} was not read ahead")]
     NotPrefetched(usize),
     /// Every Gaussian became non-finite.
-    #[error("after {steps} steps no finite Gaussian is left")]
+    #[error("after {steps} steps no finite Gaussian is left: lower the learning rates, and train into another folder")]
     NothingLeft {
         /// Number of finished steps.
         steps: u64,
+    },
+    /// Every Gaussian was too transparent to keep.
+    #[error(
+        "after {steps} steps no Gaussian has more opacity than joint.prune_opacity = {opacity}: set a lower one, and continue with --resume"
+    )]
+    AllPruned {
+        /// Number of finished steps.
+        steps: u64,
+        /// The least opacity to keep.
+        opacity: f64,
     },
 }
 

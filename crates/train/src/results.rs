@@ -15,10 +15,14 @@ use super::observer::{TrainMessage, TrainObserver};
 use super::trainer::TrainJob;
 use super::view_pictures::evaluate_test_views;
 
-/// Writes the trained scene; returns the length of the file that counts as the result, bytes.
-pub(super) fn write_scene(job: &TrainJob, scene: &InstancedScene, done: u64) -> Result<u64, TrainError> {
+/// Writes the trained scene, from which `pruned` Gaussians were removed as transparent; returns the length of the file that counts as
+/// the result, bytes.
+pub(super) fn write_scene(job: &TrainJob, scene: &InstancedScene, pruned: usize, done: u64) -> Result<u64, TrainError> {
     if scene.expanded_len() == 0 {
-        return Err(TrainError::NothingLeft { steps: done });
+        return Err(match pruned {
+            0 => TrainError::NothingLeft { steps: done },
+            _ => TrainError::AllPruned { steps: done, opacity: job.config.joint.prune_opacity },
+        });
     }
     let folder = job.folder();
     let mut result = folder.scene();

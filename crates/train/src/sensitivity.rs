@@ -7,6 +7,7 @@
 //! Shapes are no parameters: their squares are averaged on the host (`shape_sensitivity.rs`).
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -165,12 +166,12 @@ impl<'a> Measurement<'a> {
                 Owner::Source => copies.of_sources(values, add),
                 Owner::ShBand(l) if l <= scene.templates.sh_degree => copies.of_sources(values, add),
                 Owner::ShBand(_) | Owner::Instance => values,
-                Owner::Offset => copies.of_records(values, add),
+                Owner::Offset => copies.of_records(values, add, |value, by| value * by),
             }
         });
         let add = |sum: &mut [f32; 6], copy: &[f32; 6]| sum.iter_mut().zip(copy).for_each(|(sum, copy)| *sum += copy);
         let source_shapes = copies.of_sources(source_shapes, add);
-        let mut offset_shapes = copies.of_records(offset_shapes, add);
+        let mut offset_shapes = copies.of_records(offset_shapes, add, |sums, by| sums.map(|sum| sum * by));
         if sources_of_records(&scene.offset_runs(), scene.offsets.len()).1 {
             // Records of several Gaussians have no shape of their own; see `ShapeSums`.
             offset_shapes.fill([0.0; 6]);
@@ -219,8 +220,8 @@ fn shape_gradients(gpu: &Arc<Gpu>, state: &DeviceState) -> Result<ShapeGradients
     })
 }
 
-/// Of the instances that share offset records, at most this many are measured with them; the others are drawn without. It
-/// bounds memory, where a thousand copies share one run.
+/// Of the instances that share offset records, at most this many are measured with them; the others are drawn without, and count as
+/// much as these in the mean. It bounds memory, where a thousand copies share one run.
 const MOST_USERS: usize = 8;
 
 /// A scene whose instances may share own Gaussians and offset records, and as training has it: each with copies of its own.
@@ -253,8 +254,14 @@ impl<'a> Unshared<'a> {
         [&values[..first], &own, &values[first + copies..]].concat()
     }
 
-    /// The same by offset record; empty if the scene has none of this kind.
-    fn of_records<T: Copy + Default>(&self, values: Vec<T>, add: impl Fn(&mut T, &T)) -> Vec<T> {
+    /// The same by offset record; empty if the scene has none of this kind. Copies beyond [`MOST_USERS`] count like the mean of the
+    /// others: `scale` multiplies a value by a factor.
+    fn of_records<T: Copy + Default>(
+        &self,
+        values: Vec<T>,
+        add: impl Fn(&mut T, &T),
+        scale: impl Fn(&T, f32) -> T,
+    ) -> Vec<T> {
         let Self { scene, unshared } = self;
         if matches!(unshared, Cow::Borrowed(_)) || values.is_empty() {
             return values;
@@ -262,11 +269,19 @@ impl<'a> Unshared<'a> {
         // Records of SH have several rows each.
         let rows = values.len() / unshared.offsets.len().max(1);
         let mut records = vec![T::default(); rows * scene.offsets.len()];
+        let mut users: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+        let runs = scene.instances.iter().filter_map(|instance| Some((instance.template, instance.first_offset?)));
+        runs.for_each(|run| *users.entry(run).or_default() += 1);
         for (to, from) in scene.instances.iter().zip(&unshared.instances) {
             let (Some(first), Some(copy)) = (to.first_offset, from.first_offset) else { continue };
             let count = rows * scene.template_ranges[to.template as usize].count as usize;
             let copies = &values[rows * copy as usize..][..count];
-            records[rows * first as usize..].iter_mut().zip(copies).for_each(|(sum, copy)| add(sum, copy));
+            let all = users.get(&(to.template, first)).copied().unwrap_or(1);
+            let each_for = all as f32 / all.min(MOST_USERS) as f32;
+            records[rows * first as usize..]
+                .iter_mut()
+                .zip(copies)
+                .for_each(|(sum, copy)| add(sum, &scale(copy, each_for)));
         }
         records
     }

@@ -24,7 +24,7 @@ use super::log_state::LogState;
 use super::memory::picture_budget;
 use super::observer::{TrainMessage, TrainObserver};
 use super::same_data::{self, SameData};
-use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
+use super::state_file::{densification_is_due, from_checkpoint, has_instances, restore, size_of_cloud};
 use super::trainer::TrainJob;
 use super::view_store::{self, PrefetchLimits};
 use super::views::{TrainViews, ViewsPlan};
@@ -81,6 +81,13 @@ pub(super) fn find_checkpoint(job: &TrainJob) -> Result<Resumed, TrainError> {
 fn check_fits(checkpoint: &Checkpoint, path: &Path, config: &TrainConfig) -> Result<(), IoError> {
     let (degree, count) = size_of_cloud(checkpoint, path)?;
     let refuse = |what: String, advice: String| Err(IoError::new(path, what).advise(advice));
+    if config.method == Method::Gaussians && has_instances(checkpoint) {
+        let instanced = Method::Instanced.name();
+        return refuse(
+            format!("is of a scene with instances, the configuration has method = {}", config.method.name()),
+            format!("continue with --method {instanced}, or train into another folder"),
+        );
+    }
     if degree != config.sh_degree {
         return refuse(
             format!("has SH degree {degree}, the configuration sh_degree = {}", config.sh_degree),

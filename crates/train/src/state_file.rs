@@ -122,6 +122,11 @@ pub fn size_of_cloud(checkpoint: &Checkpoint, path: &Path) -> Result<(u32, usize
     Ok((degree, checkpoint.tensors.get("parameter.opacity_logits").map_or(0, |t| t.values.len())))
 }
 
+/// True if the checkpoint is of a scene with instances.
+pub fn has_instances(checkpoint: &Checkpoint) -> bool {
+    checkpoint.tensors.get(POSES).is_some_and(|poses| !poses.values.is_empty())
+}
+
 /// Makes the device state from a checkpoint of a plain cloud; `path` is for messages.
 ///
 /// # Errors

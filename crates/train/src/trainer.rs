@@ -179,7 +179,7 @@ pub fn train(
     (scene.pixel_filter, scene.near_plane) = (job.config.pixel_filter(), job.config.near_plane());
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
-    let file_bytes = write_scene(job, &scene, done)?;
+    let file_bytes = write_scene(job, &scene, pruned, done)?;
     write_training_cameras(&job.folder(), &data.train, &job.config)?;
     if let Some(learned) = &run.state.exposures {
         exposures::save(gpu, learned, &data.train, &job.folder())?;

@@ -146,13 +146,11 @@ impl Builder {
             },
             kinds: OffsetKinds {
                 position: has_offsets,
-                // Adopted instances have no colour matrix: their offsets carry what it did.
+                // Adopted instances have no colour matrix: the offsets of their base colour carry what it did. What it did to the
+                // coefficients above, little, is lost: offsets of those would double the file.
                 sh_dc: has_offsets || has_colors,
                 opacity: has_offsets,
-                sh_degree: match has_colors {
-                    true => degree,
-                    false => scenes.iter().map(|scene| scene.offsets.sh_degree()).max().unwrap_or(0),
-                },
+                sh_degree: scenes.iter().map(|scene| scene.offsets.sh_degree()).max().unwrap_or(0),
                 covariance: any(&|scene| !scene.offsets.quats.is_empty()),
             },
             has_own: any(&|scene| !scene.own.is_empty()),

@@ -38,6 +38,11 @@ pub fn save(folder: &Path, checkpoint: &Checkpoint) -> Result<PathBuf, IoError> 
     Ok(path)
 }
 
+/// True if the folder has a file that is named as a checkpoint, intact or not; false for a missing one.
+pub fn is_any_in(folder: &Path) -> bool {
+    list(folder).is_ok_and(|files| !files.is_empty())
+}
+
 /// Finds and reads the newest intact checkpoint. A missing folder counts as empty.
 ///
 /// # Errors

@@ -15,7 +15,7 @@ use super::{IoError, Place, atomic_write, read_bytes};
 
 mod folder;
 
-pub use folder::{KEEP, Newest, file_name, latest, prune, save};
+pub use folder::{KEEP, Newest, file_name, is_any_in, latest, prune, save};
 
 const FORMAT: &str = "instgs-checkpoint/1";
 /// Metadata keys that are written by this module.

@@ -30,5 +30,5 @@ pub use mask_source::{MaskSource, mask_folder};
 pub use observer::{Message, Observer, Phase};
 pub use prepare::{Prepared, prepare};
 pub use register_objects::{ObjectGroups, find_groups, register_objects};
-pub use run::{Finished, ObjectPhases, Pipeline, check_same_stages, joint_has_begun};
+pub use run::{Finished, ObjectPhases, Pipeline, check_same_method, check_same_stages, joint_has_begun};
 pub use stage_kinds::{Stage, is_preparation, makes_scene};

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::register::InstanceRegistration;
 use crate::segment::ConsensusReport;
 use crate::template::GroupReport;
+use instgs_io::fingerprint::FilePrint;
 use instgs_io::json::{read_json, write_json};
 use instgs_io::{IoError, remove_if_there, write_scene_file};
 use instgs_vk::gpu::Gpu;
@@ -49,6 +50,50 @@ pub struct Prepared {
     /// Remarks on the boxes that masks were made from, one line each.
     #[serde(default)]
     pub boxes: Vec<String>,
+    /// The file that the groups were given by.
+    #[serde(default)]
+    pub groups_file: Option<GroupsFile>,
+}
+
+/// What tells a file of groups from another.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GroupsFile {
+    /// Length, bytes.
+    pub bytes: u64,
+    /// Hash of its content.
+    pub hash: String,
+}
+
+impl GroupsFile {
+    /// That of the job, if it has one.
+    fn of(job: &PipelineJob) -> Result<Option<Self>, IoError> {
+        let Some(path) = &job.config.pipeline.groups else { return Ok(None) };
+        let FilePrint { bytes, hash, .. } = FilePrint::of(path)?;
+        Ok(Some(Self { bytes, hash }))
+    }
+
+    /// True if the given file is the one that the run leaves.
+    fn is_own(job: &PipelineJob) -> bool {
+        let own = job.folder().groups().canonicalize();
+        job.config.pipeline.groups.as_ref().is_some_and(|given| given.canonicalize().ok() == own.ok())
+    }
+}
+
+/// Refuses given groups that are no longer those that the templates of a run were made from.
+///
+/// # Errors
+/// The file has changed; a damaged report in the run folder.
+pub(super) fn check_same_groups(job: &PipelineJob) -> Result<(), IoError> {
+    let (report, groups) = (job.folder().prepared(), &job.config.pipeline.groups);
+    // A file that is not there any more is not needed any more.
+    let Some(path) = groups.as_ref().filter(|path| path.is_file() && report.is_file()) else { return Ok(()) };
+    let Prepared { groups_file, .. } = read_json(&report)?;
+    // Older versions did not note it.
+    if groups_file.is_none() || groups_file == GroupsFile::of(job)? {
+        return Ok(());
+    }
+    let what = format!("has changed since the templates of {} were made from it", job.out.display());
+    Err(IoError::new(path, what).advise("put the old file back, or train into another folder"))
 }
 
 impl Prepared {
@@ -84,6 +129,8 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
     }
     // Templates without their report are not taken for those of the labels to come.
     remove_if_there(&report_path)?;
+    // Taken before they are read; the run's own file is written anew when they are.
+    let mut groups_file = GroupsFile::of(job)?;
     let boxes = masks_from_boxes(gpu, job, &cloud, observer)?;
     let labels = label_gaussians(gpu, job, &cloud, observer)?;
     let found = match kept_groups(job)? {
@@ -95,6 +142,9 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
             found
         }
     };
+    if GroupsFile::is_own(job) {
+        groups_file = GroupsFile::of(job)?;
+    }
     let ObjectGroups { groups, registration, stages: registering } = found;
     let clock = Stage::Merge.begin(observer)?;
     let merged = build_templates(&cloud, &labels, &groups, &job.config)?;
@@ -109,7 +159,38 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
         views: labels.cameras.len(),
         consensus: labels.consensus,
         boxes: boxes.map(|made| made.notes).unwrap_or_default(),
+        groups_file,
     };
     write_json(&report_path, &prepared)?;
     Ok(prepared)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::config::ConfigBuilder;
+
+    #[test]
+    fn groups_that_changed_are_other_groups() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let (file, out) = (folder.path().join("given.json"), folder.path().join("run"));
+        std::fs::create_dir(&out)?;
+        let mut config = ConfigBuilder::new().file("instgs")?.finish()?;
+        config.pipeline.groups = Some(file.clone());
+        let job = PipelineJob { data: folder.path().into(), out, config, resume: true, accept_changed_data: false };
+        std::fs::write(&file, "[]")?;
+        check_same_groups(&job)?;
+        let noted = Prepared { groups_file: GroupsFile::of(&job)?, ..Prepared::default() };
+        write_json(&job.folder().prepared(), &noted)?;
+        check_same_groups(&job)?;
+        std::fs::write(&file, "[ ]")?;
+        let error = check_same_groups(&job).err().ok_or("taken")?.to_string();
+        assert!(error.contains("given.json") && error.contains("has changed"), "{error}");
+        // Versions that did not note it, and files that are gone, go on.
+        std::fs::remove_file(&file)?;
+        check_same_groups(&job)?;
+        std::fs::write(&file, "[ ]")?;
+        write_json(&job.folder().prepared(), &Prepared::default())?;
+        Ok(check_same_groups(&job)?)
+    }
 }

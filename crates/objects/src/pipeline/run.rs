@@ -14,10 +14,11 @@ use super::made_masks::check_same_origin;
 use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
-use super::prepare::{Prepared, prepare};
+use super::prepare::{Prepared, check_same_groups, prepare};
 use instgs_io::json::read_json;
 use instgs_io::{
-    Dataset, IoError, RunFolder, Split, atomic_write, copy_file, load_scene, read_bytes, write_ply, write_scene_file,
+    Dataset, IoError, RunFolder, Split, atomic_write, checkpoint, copy_file, load_scene, read_bytes, write_ply,
+    write_scene_file,
 };
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
@@ -126,6 +127,7 @@ impl Pipeline<'_> {
     /// Faulty input, a device that fails, or an interrupted run.
     pub fn run(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Finished, PipelineError> {
         job.check_folders()?;
+        check_same_method(job)?;
         match job.config.train.method {
             Method::Gaussians => {
                 let trained = self.train(job, &job.out, Phase::PlainCloud, observer)?;
@@ -217,7 +219,7 @@ impl Pipeline<'_> {
         let facts = match done {
             Some(facts) if facts.steps == phase.config.train.steps => {
                 // With a checkpoint of the joint phase the data set is compared with that.
-                if !joint_has_begun(&job.folder()) {
+                if checkpoint::latest(&job.folder().checkpoints())?.found.is_none() {
                     let warning = check_finished(&phase.training()?)?;
                     warning.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
                 }
@@ -280,7 +282,7 @@ impl Pipeline<'_> {
 
 /// True if the joint phase of a run with templates and instances has begun: it has a checkpoint.
 pub fn joint_has_begun(run: &RunFolder) -> bool {
-    std::fs::read_dir(run.checkpoints()).is_ok_and(|mut files| files.next().is_some())
+    checkpoint::is_any_in(&run.checkpoints())
 }
 
 /// The facts of a finished training, if there is one; for versions that wrote none, from its report.
@@ -321,6 +323,25 @@ fn check_same_cloud(job: &PipelineJob) -> Result<(), PipelineError> {
     Err(IoError::new(&job.out, what).advise("leave that value, or train into another folder").into())
 }
 
+/// Refuses to go on with a run by another method: its results would be replaced, and its checkpoints do not fit.
+///
+/// # Errors
+/// The run has another method; its configuration cannot be read.
+pub fn check_same_method(job: &PipelineJob) -> Result<(), PipelineError> {
+    let path = job.folder().config();
+    if !job.resume || !path.is_file() {
+        return Ok(());
+    }
+    let earlier: RunConfig = ConfigBuilder::new().run_file(&path)?.finish()?;
+    let (was, now) = (earlier.train.method, job.config.train.method);
+    if was == now {
+        return Ok(());
+    }
+    let what = format!("is a run with method = {}, and cannot continue with {}", was.name(), now.name());
+    let advice = format!("continue with --method {}, or train into another folder", was.name());
+    Err(IoError::new(&job.out, what).advise(advice).into())
+}
+
 /// Refuses a folder whose joint phase was begun stage by stage: a whole run would begin with a plain cloud of its own, and
 /// replace what that phase goes on from.
 fn check_not_by_stages(job: &PipelineJob) -> Result<(), IoError> {
@@ -347,7 +368,10 @@ pub fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
     let of_templates = earlier.pipeline.groups.as_ref().map(|_| "joint.refine_poses");
     let is_free = |key: &str| OF_JOINT_PHASE.iter().any(|free| key.starts_with(free)) && of_templates != Some(key);
     let changed = earlier.differences(&job.config)?.into_iter().find(|(key, ..)| !is_free(key));
-    let Some((key, was, now)) = changed else { return Ok(check_same_origin(job)?) };
+    let Some((key, was, now)) = changed else {
+        check_same_origin(job)?;
+        return Ok(check_same_groups(job)?);
+    };
     let what = format!("its objects were found with {key} = {was}, and it cannot continue with {now}");
     Err(IoError::new(&job.out, what).advise("leave that value, or train into another folder").into())
 }

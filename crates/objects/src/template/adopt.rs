@@ -27,7 +27,11 @@ pub struct Adopted {
 impl Adopter {
     /// Takes a template in its own frame.
     pub fn new(template: Gaussians) -> Self {
-        Self { template: TemplateCloud::from_gaussians(template) }
+        let opacity_logits = template.opacity_logits.clone();
+        let mut template = TemplateCloud::from_gaussians(template);
+        // It is drawn with its own opacities, not with those that training would begin with.
+        template.gaussians.opacity_logits = opacity_logits;
+        Self { template }
     }
 
     /// The differences of an object, a cloud in the world frame of the template's SH degree, at its pose. Each of the template's

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use glam::{DMat3, DVec3};
+
 use super::error::TemplateError;
 use super::instance_cloud::{InstanceCloud, Owners};
 use super::offsets::{Common, push_offsets};
@@ -34,6 +36,9 @@ pub struct Built {
 /// instances of other groups become instances of the scene in the groups' order, each with its own offset records,
 /// unless the options ask for no kind of offset. `scene.groups` uses the scene's template indices.
 ///
+/// Templates are about as large as their instances, since learning rates in their frames are those of the world: where the geometric
+/// mean of a group's scales is above 2 or below 1/2, the frame of its template is scaled by it.
+///
 /// The result is deterministic. Time grows as N log N with the Gaussians of a group.
 ///
 /// # Errors
@@ -48,7 +53,8 @@ pub fn build(
     options.validate()?;
     check_cloud(cloud, instance_of_gaussian)?;
     check_groups(groups)?;
-    let owners = Owners::new(instance_of_gaussian, groups)?;
+    let groups: Vec<PosedGroup> = groups.iter().map(in_units_of_the_world).collect();
+    let owners = Owners::new(instance_of_gaussian, &groups)?;
     let templates = Gaussians::with_capacity(cloud.sh_degree, 0);
     let mut scene = InstancedScene { templates, ..InstancedScene::default() };
     let mut report = Vec::with_capacity(groups.len());
@@ -58,6 +64,23 @@ pub fn build(
     let stays = |group: Option<u32>| group.is_none_or(|g| report[g as usize].template.is_none());
     scene.background = cloud.filtered(|i| stays(owners.group_of_gaussian[i]));
     Ok(Built { scene, report })
+}
+
+/// Templates may be this much larger or smaller than their instances: learning rates need not be closer.
+const MOST_SCALE: f64 = 2.0;
+
+/// The group with poses whose scales are 1 in the geometric mean; as it is if they are about that.
+fn in_units_of_the_world(group: &PosedGroup) -> PosedGroup {
+    let mut out = group.clone();
+    let log_scale = |instance: &PosedInstance| instance.world_from_template.scale().ln();
+    let mean = group.instances.iter().map(log_scale).sum::<f64>() / group.instances.len() as f64;
+    if mean.abs() > MOST_SCALE.ln() {
+        let old_from_new = Similarity::from_parts(DMat3::IDENTITY, (-mean).exp(), DVec3::ZERO);
+        for instance in &mut out.instances {
+            instance.world_from_template = instance.world_from_template.after(&old_from_new);
+        }
+    }
+    out
 }
 
 /// Adds a group's template, instances and offsets to the scene, unless the group is left out. Returns its report.

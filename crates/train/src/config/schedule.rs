@@ -89,8 +89,11 @@ impl TrainConfig {
         (rate > 0.0).then(|| log_linear(rate, rate_final, step, self.steps))
     }
 
-    /// SH degree that step index `step` uses, 0..=`sh_degree`.
+    /// SH degree that step index `step` uses, 0..=`sh_degree`. The base colours of a given cloud have settled already: all degrees from the start.
     pub fn sh_degree_at(&self, step: u64) -> u32 {
+        if self.init_scene.is_some() {
+            return self.sh_degree;
+        }
         let risen = step.checked_div(self.sh_every).unwrap_or(u64::MAX);
         u32::try_from(risen).unwrap_or(u32::MAX).min(self.sh_degree)
     }
@@ -227,6 +230,7 @@ mod tests {
         let degrees = [0, 999, 1000, 1999, 2000, 2999, 3000, 4000, u64::MAX].map(|s| config.sh_degree_at(s));
         assert_eq!(degrees, [0, 0, 1, 1, 2, 2, 3, 3, 3]);
         assert_eq!(with(&["sh_degree=1"])?.sh_degree_at(5000), 1);
+        assert_eq!(with(&["init_scene=trained.ply"])?.sh_degree_at(0), 3);
         assert_eq!(with(&["sh_every=0"])?.sh_degree_at(0), 3);
         Ok(())
     }
