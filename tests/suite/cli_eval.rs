@@ -117,7 +117,8 @@ fn table_json_file_and_pictures() {
         return;
     }
     let (_folder, at) = folder();
-    let (json, out) = (at.join("report.json"), at.join("out"));
+    // Folders that are not there are made.
+    let (json, out) = (at.join("new/report.json"), at.join("out"));
     let mut command = eval(&at, "shifted.ply", &["--split", "train"]);
     command.arg("--json").arg(&json).arg("--out").arg(&out);
     let text = String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap();

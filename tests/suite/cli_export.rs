@@ -101,8 +101,11 @@ fn finishes(cameras: &[Camera], at: &impl Fn(&str) -> PathBuf) {
         command.arg("--data").arg(at("data")).args(["--finish", "2"]).args(more);
         command
     };
-    let missing = error_of(&mut finish("finished.instgs", &["--pack", "small"]));
-    assert!(missing.contains("000.png"), "{missing}");
+    let missing = finish("finished.instgs", &["--pack", "small"]).assert().failure().get_output().stderr.clone();
+    let missing = String::from_utf8_lossy(&missing).into_owned();
+    assert!(missing.contains("lies in no run's folder") && missing.contains("000.png"), "{missing}");
+    // The folder of a run, as far as this command sees.
+    fs::write(at("config.toml"), "").unwrap();
     write_cameras(&at("views.json"), cameras).unwrap();
     let mut render = program();
     render.args(["render", "--scene"]).arg(at("scene.instgs")).arg("--camera").arg(at("views.json"));

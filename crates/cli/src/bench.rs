@@ -85,6 +85,7 @@ struct BenchOutput<'a> {
 }
 
 pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    args.json.create_folder()?;
     if !args.lod.is_empty() {
         let loaded = open_scene_to_draw(&args.scene, printer)?;
         return super::bench_lod::run(args, &loaded, device_args.choice(), printer);

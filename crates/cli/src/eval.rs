@@ -179,6 +179,7 @@ fn mask_as_trained(views: &mut [View], args: &EvalArgs, printer: &Printer) {
 
 pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let opened = OpenedScene::open_to_measure(&args.scene, args.host_memory.of_scenes(), printer)?;
+    args.json.create_folder()?;
     let weights = args.lpips.weights();
     let lpips = weights.as_ref().ok().map(|path| args.lpips.load(path)).transpose()?;
     let views = views_to_compare(args, printer)?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::export_page;
-use instgs_console::args::{Triple, open_scene, parse_near, parse_up};
+use instgs_console::args::{Triple, create_folder_of, open_scene, parse_near, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
@@ -152,15 +152,18 @@ fn planned(
     Ok(plan)
 }
 
-/// The configuration of the run that a scene lies in: how its training took the photos. The default if there is none, or, with a
-/// warning, none that can be read.
+/// The configuration of the run that a scene lies in: how its training took the photos. With a warning the default, if there is none
+/// or none that can be read.
 fn config_or_default(scene: &Path, printer: &Printer) -> TrainConfig {
-    config_beside(scene)
-        .unwrap_or_else(|error| {
-            printer.warning(format_args!("{error}: photos are taken whole, and black stands behind all splats"));
-            None
-        })
-        .unwrap_or_default()
+    let reason = match config_beside(scene) {
+        Ok(Some(config)) => return config,
+        Ok(None) => format!("{}: lies in no run's folder, which would say how it was trained", scene.display()),
+        Err(error) => error.to_string(),
+    };
+    printer.warning(format_args!(
+        "{reason}: photos are taken whole, without the masks of --pixel-masks, and black stands behind all splats"
+    ));
+    TrainConfig::default()
 }
 
 /// The configuration of the run that a scene lies in; `None` if it lies in none.
@@ -227,6 +230,11 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
             .advise("leave one of the two out")
             .into());
     }
+    if args.pages && format == ExportFormat::Instgs(Pack::Small) {
+        return Err(IoError::new(to, "cannot have pages: small files are coded as a whole")
+            .advise("use --pack f16")
+            .into());
+    }
     let mut scene = open_scene(&args.scene, printer)?.scene;
     scene.near_plane = args.near.map_or(scene.near_plane, NearPlane);
     if args.pages {
@@ -237,6 +245,7 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
         printer.warning("--data and --finish are for --pack small: other formats keep one precision everywhere");
     }
     let data = args.data.as_ref().filter(|_| is_small);
+    create_folder_of(to)?;
     let plan = data.map(|data| planned(args, &mut scene, data, device_args, printer)).transpose()?;
     let gaussians = write(args, &scene, format, plan.as_ref(), printer)?;
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };

@@ -38,6 +38,11 @@ impl MaskArgs {
         .into_iter()
     }
 
+    /// True if `--models` was given.
+    pub fn has_models(&self) -> bool {
+        self.models.is_some()
+    }
+
     /// Adds the given flags to a configuration.
     pub fn put_into(&self, mut builder: ConfigBuilder) -> Result<ConfigBuilder, CliError> {
         if let Some(prompt) = &self.prompt {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use instgs_console::args::{open_scene, parse_near};
+use instgs_console::args::{create_folder_of, open_scene, parse_near};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
@@ -77,6 +77,7 @@ pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer)
     }
     let dataset = read_views(&args.data)?;
     let cameras: Vec<Camera> = dataset.split(Split::Train).map(|view| view.camera.clone()).collect();
+    create_folder_of(&args.out)?;
     let gpu = device::open(device_args.choice())?;
     let mut progress = printer.progress("views", cameras.len() as u64);
     let pruned = prune(&gpu, &scene, &cameras, args.keep, || progress.step("rendered"))?;

@@ -156,6 +156,9 @@ impl TrainArgs {
         }
         let config = builder.finish()?;
         self.check_method(config.train.method)?;
+        if self.masks.has_models() && config.pipeline.prompt.is_none() {
+            return Err(CliError::msg("--models is the folder that --prompt needs: give --prompt, too"));
+        }
         Ok(config)
     }
 

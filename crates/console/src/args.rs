@@ -153,6 +153,14 @@ impl JsonArgs {
         self.json.as_deref() == Some(Path::new("-"))
     }
 
+    /// Makes the folder of the file, so that a wrong path is found before the work.
+    ///
+    /// # Errors
+    /// The folder cannot be made.
+    pub fn create_folder(&self) -> Result<(), CliError> {
+        self.json.as_deref().filter(|_| !self.on_stdout()).map_or(Ok(()), create_folder_of)
+    }
+
     /// Writes the report as the flag says; returns whether the table is to be printed.
     ///
     /// # Errors

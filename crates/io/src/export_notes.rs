@@ -50,6 +50,12 @@ impl ExportedScene {
         if let ExportFormat::Page(_) = format {
             notes.extend(too_large_note(scene));
         }
+        let unused = (scene.source_len() as u64).saturating_sub(self.gaussians);
+        if format == ExportFormat::Glb && unused > 0 {
+            notes.push(format!(
+                "{unused} Gaussians of templates that no instance uses are left out; .instgs keeps them"
+            ));
+        }
         let unlike = (0..scene.instances.len()).filter(|&k| !scene.looks_like_template(k)).count();
         if format == ExportFormat::SogFolder && unlike > 0 {
             notes.push(format!(

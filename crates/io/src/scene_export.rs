@@ -115,6 +115,7 @@ pub fn export_scene(
         ExportFormat::Glb => {
             check_memory(to, "its Gaussians take", glb::glb_data_bytes(scene))?;
             glb::write_glb(to, scene, up)?;
+            exported.gaussians -= unused_gaussians(scene);
         }
         ExportFormat::Usda | ExportFormat::Usdc => {
             check_expanded_memory(to, scene)?;
@@ -137,6 +138,15 @@ pub fn export_scene(
         }
     }
     Ok(exported)
+}
+
+/// Number of Gaussians that are of no template with an instance, nor of an instance, nor of the background.
+fn unused_gaussians(scene: &InstancedScene) -> u64 {
+    let mut is_used = vec![false; scene.templates.len()];
+    for instance in &scene.instances {
+        is_used[scene.template_ranges[instance.template as usize].indices()].fill(true);
+    }
+    is_used.iter().filter(|used| !**used).count() as u64
 }
 
 /// Checks memory for flattening, which holds the cloud and the file's bytes at once.
@@ -162,6 +172,33 @@ fn check_memory(to: &Path, what: &str, need: u64) -> Result<(), IoError> {
 mod tests {
     use super::*;
     use instgs_samples::sample_scene;
+
+    #[test]
+    fn a_glb_counts_what_it_holds() -> Result<(), IoError> {
+        let folder = tempfile::tempdir().map_err(|e| IoError::os(Path::new("."), "no folder", &e))?;
+        let to = folder.path().join("a.glb");
+        let mut scene = sample_scene();
+        let held = |scene: &InstancedScene| -> Result<(u64, Vec<String>), IoError> {
+            let exported = export_scene(&to, scene, ExportFormat::Glb, DVec3::Y)?;
+            Ok((exported.gaussians, exported.notes(&to, scene, ExportFormat::Glb)))
+        };
+        let (all, notes) = held(&scene)?;
+        let left_out = "no instance uses are left out";
+        assert!(all == scene.source_len() as u64 && !notes.iter().any(|note| note.contains(left_out)), "{notes:?}");
+        // Without instances of the last template; another unused one has the Gaussians of the first.
+        let last = scene.template_ranges.len() as u32 - 1;
+        let unused = u64::from(scene.template_ranges[last as usize].count);
+        let stays: Vec<bool> = scene.instances.iter().map(|instance| instance.template != last).collect();
+        let mut stay = stays.iter();
+        scene.instances.retain(|_| *stay.next().unwrap_or(&true));
+        (scene.own_ranges, scene.color_from_template, scene.groups) = Default::default();
+        scene.own = scene.own.filtered(|_| false);
+        scene.template_ranges.push(scene.template_ranges[0]);
+        let (all, notes) = held(&scene)?;
+        assert_eq!(all, scene.source_len() as u64 - unused);
+        assert!(notes.iter().any(|note| note.contains(left_out)), "{notes:?}");
+        Ok(())
+    }
 
     #[test]
     fn one_mesh_holds_every_instance_expanded() -> Result<(), IoError> {

@@ -104,6 +104,7 @@ pub(super) fn scene_of(
     };
     builder.scene.templates.sh_degree = builder.sh_degree;
     let mut background = Vec::new();
+    check_memory(parts, &users, builder.rest_offsets, values)?;
     check_copies(parts, &placements, values)?;
     for (part, placement) in parts.iter().zip(placements) {
         match placement {
@@ -125,9 +126,8 @@ pub(super) fn scene_of(
 /// Checks that the Gaussians of all different meshes are fewer than the bytes of the file: each has at least a byte that is
 /// its own, unless accessors overlap.
 fn check_count(parts: &[Part], values: &Values<'_>) -> Result<(), IoError> {
-    let meshes: BTreeSet<&Attributes> = parts.iter().map(|part| &part.attributes).collect();
     let mut count = 0usize;
-    for attributes in meshes {
+    for attributes in meshes(parts) {
         count = count.saturating_add(values.count(attributes.position)?);
     }
     if count > values.binary.len() {
@@ -135,6 +135,29 @@ fn check_count(parts: &[Part], values: &Values<'_>) -> Result<(), IoError> {
         return Err(IoError::damaged(values.path, what));
     }
     Ok(())
+}
+
+/// The different meshes.
+fn meshes(parts: &[Part]) -> BTreeSet<&Attributes> {
+    parts.iter().map(|part| &part.attributes).collect()
+}
+
+/// Checks memory for all different meshes. Of those that become instances with offsets the first of each shape is the template.
+fn check_memory(
+    parts: &[Part],
+    users: &BTreeMap<Shape, Vec<&Attributes>>,
+    rest_offsets: usize,
+    values: &Values<'_>,
+) -> Result<(), IoError> {
+    let record_bytes = 4 * (3 + 3 + 1 + 3 * rest_offsets as u64);
+    let (mut need, mut templates) = (0u64, BTreeSet::new());
+    for attributes in meshes(parts) {
+        let is_instance = users.contains_key(&shape(attributes)) && !templates.insert(shape(attributes));
+        // Clouds are there twice while they are joined.
+        let each = if is_instance { record_bytes } else { 2 * gaussian_bytes(attributes.sh_degree()) };
+        need = need.saturating_add((values.count(attributes.position)? as u64).saturating_mul(each));
+    }
+    check_reading(values.path, "takes", need, available_bytes())
 }
 
 /// Checks memory for meshes that cannot be instances, since their nodes stretch them: each is a copy.

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
+
 use crate::View;
 use crate::error::{IoError, Place};
 
@@ -102,6 +104,11 @@ impl DrawnPhoto {
     /// The photo has another size than the shapes were drawn for.
     pub(super) fn draw(&self, view_size: (u32, u32)) -> Result<Mask, IoError> {
         let size = self.size.unwrap_or(view_size);
+        if size.0.max(size.1) > MAX_IMAGE_SIDE {
+            let what = format!("has {}x{} pixels, and no photo has a side above {MAX_IMAGE_SIDE}", size.0, size.1);
+            let error = IoError::new(&self.file, what).at(self.place());
+            return Err(error.advise("draw the masks on the photos that are trained on"));
+        }
         let grid =
             Grid::new(size, view_size).ok_or_else(|| wrong_size(&self.file, size, view_size).at(self.place()))?;
         let other = self.objects.iter().find_map(|(_, shape)| match shape {

@@ -240,6 +240,11 @@ fn coco_files_that_cannot_be_used_say_where() -> Outcome {
     let text =
         MaskFolder::open(&path, &photos())?.of_view(&photo("a")).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(text.contains("photo \"a.jpg\"") && text.contains("4000000000x4000000000"), "{text}");
+    let claimed = plain.replace(r#""width":6,"height":4"#, r#""width":60000,"height":40000"#);
+    std::fs::write(&path, claimed)?;
+    let text =
+        MaskFolder::open(&path, &photos())?.of_view(&photo("a")).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(text.contains("no photo has a side above 16384"), "a whole multiple of the photo's size: {text}");
     let runs = plain.replace("[4,6]", "[8,3]");
     std::fs::write(&path, runs)?;
     let masks = MaskFolder::open(&path, &photos())?;
