@@ -29,6 +29,8 @@ pub struct Editor {
     locked: BTreeSet<usize>,
     undo: Vec<Step>,
     redo: Vec<Step>,
+    /// True if the oldest changes can no longer be undone.
+    has_forgotten: bool,
     /// The state before the change in progress.
     in_progress: Option<Step>,
     unsaved: bool,
@@ -82,6 +84,11 @@ impl Editor {
     /// does not change it.
     pub fn listing(&self) -> u64 {
         self.listing
+    }
+
+    /// True if the oldest changes were dropped, so that the scene as it was opened cannot be had back.
+    pub fn has_forgotten(&self) -> bool {
+        self.has_forgotten
     }
 
     /// A copy of the scene as it was before the first change that can be undone: as it was opened, unless the oldest changes were
@@ -395,6 +402,7 @@ impl Editor {
             gone += 1;
         }
         self.undo.drain(..gone);
+        self.has_forgotten |= gone > 0;
     }
 
     /// Swaps a step's parts with those of the scene; the returned step reverts the swap.

@@ -320,7 +320,7 @@ pub(super) const REMOVE: &str = "Remove";
 pub(super) const FILE: &str = "File";
 pub(super) const BROWSE: &str = "Browse";
 pub(super) const RECENT: &str = "Recent files";
-pub(super) const FORMATS: &str = ".instgs saves; .glb, .usda, .html, .ply, .spz and .sog export.";
+pub(super) const FORMATS: &str = ".instgs saves; .glb, .usda, .usdc, .html, .ply, .spz and .sog export.";
 pub(super) const OPENS: &str = ".instgs, .ply, .spz, .sog, .splat or .glb; files can be dropped on the window, too.";
 pub(super) const NO_DIALOG: &str = "There is no file dialog here, or nothing was chosen: type the path of the file.";
 pub(super) const SAVE: &str = "Save";
@@ -400,6 +400,7 @@ pub(super) fn changed_meanwhile(path: &Path) -> String {
 
 /// The two sides of a comparison.
 pub(super) const AS_OPENED: &str = "as opened";
+pub(super) const OLDEST_STATE: &str = "before the oldest change that can be undone";
 pub(super) const NOW: &str = "now";
 pub(super) const NO_SPLIT: &str = "the comparison is off";
 

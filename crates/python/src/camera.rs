@@ -25,6 +25,12 @@ impl Camera {
     }
 }
 
+/// A picture's width and height in pixels, of any numbers.
+pub(crate) fn size_of((width, height): (i64, i64)) -> PyResult<(u32, u32)> {
+    let side = |value: i64| u32::try_from(value).ok().filter(|&side| side > 0);
+    side(width).zip(side(height)).ok_or_else(|| raised(format_args!("a picture cannot have {width}x{height} pixels")))
+}
+
 #[pymethods]
 impl Camera {
     /// Camera(width, height, fx, fy, cx, cy, view_from_world, name=""): sizes in pixels, and the rigid 4x4 matrix from world
@@ -33,8 +39,8 @@ impl Camera {
     #[pyo3(signature = (width, height, fx, fy, cx, cy, view_from_world, name = String::new()))]
     #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
     fn new(
-        width: u32,
-        height: u32,
+        width: i64,
+        height: i64,
         fx: f64,
         fy: f64,
         cx: f64,
@@ -42,6 +48,7 @@ impl Camera {
         view_from_world: &Bound<'_, PyAny>,
         name: String,
     ) -> PyResult<Self> {
+        let (width, height) = size_of((width, height))?;
         let view_from_world = matrix(view_from_world, "view_from_world")?;
         Self::checked(scene::Camera { name, width, height, fx, fy, cx, cy, view_from_world })
     }
@@ -55,9 +62,10 @@ impl Camera {
         target: &Bound<'_, PyAny>,
         up: &Bound<'_, PyAny>,
         fov: f64,
-        size: (u32, u32),
+        size: (i64, i64),
         name: &str,
     ) -> PyResult<Self> {
+        let size = size_of(size)?;
         let [eye, target, up] =
             [vector(eye, "eye")?, vector(target, "target")?, vector(up, "up")?].map(DVec3::from_array);
         let camera = scene::Camera::look_at(name, eye, target, up, fov.to_radians(), size);
@@ -84,7 +92,8 @@ impl Camera {
     }
 
     /// The same view with a picture of width x height pixels.
-    fn resized(&self, width: u32, height: u32) -> PyResult<Self> {
+    fn resized(&self, width: i64, height: i64) -> PyResult<Self> {
+        let (width, height) = size_of((width, height))?;
         Self::checked(self.camera.resized(width, height))
     }
 

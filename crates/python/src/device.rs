@@ -18,7 +18,7 @@ const VALIDATION_VARIABLE: &str = "INSTGS_VALIDATION";
 #[derive(FromPyObject)]
 pub(crate) enum DeviceName {
     /// Its index in `devices()`.
-    Number(usize),
+    Number(i64),
     /// A part of its name.
     Name(String),
 }
@@ -28,7 +28,10 @@ pub(crate) fn open_device(py: Python<'_>, name: Option<DeviceName>) -> PyResult<
     let variable = || std::env::var(DEVICE_VARIABLE).ok().filter(|text| !text.is_empty()).map(DeviceName::Name);
     let device = match name.or_else(variable) {
         None => DeviceChoice::Best,
-        Some(DeviceName::Number(number)) => DeviceChoice::Index(number),
+        Some(DeviceName::Number(number)) => {
+            let index = usize::try_from(number).map_err(|_| raised(format_args!("there is no device {number}")))?;
+            DeviceChoice::Index(index)
+        }
         Some(DeviceName::Name(text)) => text.parse().or_raise()?,
     };
     let validation = std::env::var_os(VALIDATION_VARIABLE).is_some_and(|value| value == "1");

@@ -6,6 +6,7 @@ use instgs_eval::lpips::weights::{conversion_command, user_weights_path};
 use instgs_eval::{EvalError, EvalReport, Extras, InputRange, Lpips, Net, evaluate};
 use instgs_io::View;
 use instgs_io::dataset::{MissingPhotos, leave_out_missing};
+use instgs_train::leave_out_masked;
 use instgs_vk::render::{self, RenderOptions};
 use pyo3::prelude::*;
 
@@ -36,7 +37,7 @@ pub(crate) fn eval<'py>(
     scene: &Scene,
     data: PathBuf,
     split: &str,
-    width: Option<u32>,
+    width: Option<i64>,
     background: Option<[f32; 3]>,
     near: Option<f32>,
     antialias: Option<bool>,
@@ -49,13 +50,13 @@ pub(crate) fn eval<'py>(
     device: Option<DeviceName>,
     on_view: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    if width == Some(0) {
-        return Err(raised("width is 0: want 1 or more, or leave it out"));
-    }
+    let checked = |width: i64| u32::try_from(width).ok().filter(|&width| width > 0).ok_or(width);
+    let width = width.map(checked).transpose();
+    let width = width.map_err(|w| raised(format_args!("width is {w}: want 1 or more, or leave it out")))?;
     let scene = scene.snapshot(py);
     let options = Look { background, near, antialias, dilation, lod: None }.options(&scene);
     let (network, left_out) = network(py, lpips, lpips_range, lpips_weights)?;
-    let views = views(py, data, split, skip_missing)?;
+    let views = views(py, data, split, skip_missing, width)?;
     let gpu = open_device(py, device)?;
     let run = || -> Result<(EvalReport, u64), Stopped<EvalError>> {
         let failed = |error| EvalError::Render { view: "the scene".into(), error };
@@ -76,11 +77,16 @@ pub(crate) fn eval<'py>(
     to_python(py, &report)
 }
 
-/// The views to compare, with photos. Remarks are warnings.
-fn views(py: Python<'_>, data: PathBuf, split: &str, skip_missing: bool) -> PyResult<Vec<View>> {
+/// The views to compare: with photos, of which some pixel counts at the width of the comparison. Remarks are warnings.
+fn views(py: Python<'_>, data: PathBuf, split: &str, skip_missing: bool, width: Option<u32>) -> PyResult<Vec<View>> {
     let mut views = views_of(py, &data, split)?;
     let may_be_missing = if skip_missing { MissingPhotos::Skip } else { MissingPhotos::Few };
     leave_out_missing(&mut views, may_be_missing).or_raise()?.iter().try_for_each(|note| warn(py, note))?;
+    // Photos are decoded for this, so only where there are masks.
+    if views.iter().any(|view| view.mask_path.is_some()) {
+        let masked = py.detach(|| leave_out_masked(&mut views, width, &mut || Ok(()))).or_raise()?;
+        masked.iter().try_for_each(|note| warn(py, note))?;
+    }
     Ok(views)
 }
 

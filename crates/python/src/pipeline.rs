@@ -7,7 +7,7 @@ use instgs_io::ply::ply_bytes;
 use instgs_io::{IoError, RunLock, read_bytes, read_views, write_groups, write_scene_file};
 use instgs_objects::pipeline::{
     self, CloudLabels, Finished, MergedScene, Message, ObjectGroups, Observer, PipelineJob, build_templates,
-    check_masks, check_same_stages, find_groups, joint_has_begun, label_gaussians, write_cloud,
+    check_masks, check_same_method, check_same_stages, find_groups, joint_has_begun, label_gaussians, write_cloud,
 };
 use instgs_report::{ReportWriter, RunReport, stage_pictures};
 use instgs_train::Trained as TrainedScene;
@@ -108,7 +108,8 @@ impl Pipeline {
         let (cloud, warnings) = py.detach(read).or_raise()?;
         warnings.iter().try_for_each(|text| warn(py, text))?;
         let (cloud, labels) = self.stage(py, |mut teller| -> Result<(InstancedScene, CloudLabels), WorkError> {
-            // Both compare with files that are written anew after them.
+            // These compare with files that are written anew after them.
+            check_same_method(job)?;
             check_same_stages(job)?;
             check_cloud_of_joint(job, &cloud)?;
             let cloud = write_cloud(job, &cloud)?;

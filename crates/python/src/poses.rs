@@ -79,6 +79,10 @@ fn group_of(g: u32, group: &Bound<'_, PyDict>) -> PyResult<PosedGroup> {
     };
     let optional =
         |key: &str| -> PyResult<Option<Bound<'_, PyAny>>> { Ok(group.get_item(key)?.filter(|value| !value.is_none())) };
+    let wrong = |key: &str| {
+        let what = format!("\"{key}\" of group {g} is not of the right kind");
+        move |_| raised(what)
+    };
     let ids = arrays::ids(&needed("ids")?, &format!("ids of group {g}"), &[None])?;
     let name = format!("world_from_template of group {g}");
     let shape = [Some(ids.len()), Some(3), Some(4)];
@@ -89,9 +93,9 @@ fn group_of(g: u32, group: &Bound<'_, PyDict>) -> PyResult<PosedGroup> {
         Ok(PosedInstance { id, world_from_template })
     };
     Ok(PosedGroup {
-        template_id: optional("template_id")?.map_or(Ok(g), |value| value.extract())?,
-        name: optional("name")?.map(|value| value.extract()).transpose()?,
-        score: optional("score")?.map(|value| value.extract()).transpose()?,
+        template_id: optional("template_id")?.map_or(Ok(g), |value| value.extract().map_err(wrong("template_id")))?,
+        name: optional("name")?.map(|value| value.extract().map_err(wrong("name"))).transpose()?,
+        score: optional("score")?.map(|value| value.extract().map_err(wrong("score"))).transpose()?,
         instances: ids.into_iter().zip(rows.as_chunks::<3>().0).enumerate().map(placed).collect::<PyResult<_>>()?,
     })
 }

@@ -32,7 +32,7 @@ pub(crate) struct How {
     /// Closeness of its pictures, dB.
     pub(crate) picture_psnr: Option<f64>,
     /// Number of training steps through the rounding of a small file.
-    pub(crate) finish: u64,
+    pub(crate) finish: i64,
     /// Folder of the scene's run, which says how photos are taken for these steps.
     pub(crate) run: Option<PathBuf>,
     /// Direction that becomes +y.
@@ -80,6 +80,9 @@ pub(crate) fn save(
 ) -> PyResult<()> {
     let format = ExportFormat::of(to, how.pack).or_raise()?;
     unused(&how, format, device.is_some()).into_iter().try_for_each(|text| warn(py, text))?;
+    if let Some(folder) = to.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        instgs_io::run_folder::create(folder).or_raise()?;
+    }
     if let Some(data) = &how.data {
         if !matches!(format, ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small)) {
             return Err(raised("data is for pack=\"small\": other formats keep one precision everywhere"));
@@ -88,16 +91,16 @@ pub(crate) fn save(
         if !(10.0..=120.0).contains(&psnr) {
             return Err(raised(format_args!("picture_psnr is {psnr}: must be from 10 to 120 dB")));
         }
-        if how.finish > MOST_STEPS {
+        let steps = u64::try_from(how.finish).ok().filter(|&steps| steps <= MOST_STEPS);
+        let Some(steps) = steps else {
             return Err(raised(format_args!("finish is {}: must be from 0 to {MOST_STEPS} steps", how.finish)));
-        }
+        };
         let config = config_of(&how)?;
         let gpu = open_device(py, device)?;
         let write = || -> Result<Vec<String>, Stopped<TrainError>> {
             let cameras = sensitivity_cameras(data).map_err(TrainError::from)?;
             let sensitivity = &measure_sensitivity(&gpu, scene, &cameras, look_for_ctrl_c)?;
-            let (scene, plan, warnings) = if how.finish > 0 {
-                let steps = how.finish;
+            let (scene, plan, warnings) = if steps > 0 {
                 let job = FinishJob { scene, sensitivity, picture_psnr_db: psnr, data, config: &config, to, steps };
                 let Finished { scene, plan, warnings } = finish(&gpu, &job, look_for_ctrl_c)?;
                 (Cow::Owned(scene), plan, warnings)
@@ -127,7 +130,7 @@ pub(crate) fn save(
     if how.picture_psnr.is_some() {
         return Err(raised("picture_psnr is that of a data set's views: give its folder as data"));
     }
-    if how.finish > 0 || how.run.is_some() {
+    if how.finish != 0 || how.run.is_some() {
         return Err(raised("finish and run are for the photos of a data set: give its folder as data"));
     }
     let exported = py.detach(|| export_scene(to, scene, format, Orbit::around(scene, how.up).up)).or_raise()?;

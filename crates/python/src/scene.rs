@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{direction, from_rows, matrix};
-use crate::camera::Camera;
+use crate::camera::{Camera, size_of};
 use crate::device::DeviceName;
 use crate::error::{OrRaise, raised, warn};
 use crate::gaussians::Gaussians;
@@ -116,7 +116,7 @@ impl Scene {
         pack: Option<&str>,
         data: Option<PathBuf>,
         picture_psnr: Option<f64>,
-        finish: u64,
+        finish: i64,
         run: Option<PathBuf>,
         up: Option<Bound<'_, PyAny>>,
         device: Option<DeviceName>,
@@ -160,11 +160,13 @@ impl Scene {
     fn orbit(
         &self,
         py: Python<'_>,
-        count: u32,
-        size: (u32, u32),
+        count: i64,
+        size: (i64, i64),
         up: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Vec<Camera>> {
         let up = up.map(|up| direction(&up, "up")).transpose()?;
+        let size = size_of(size)?;
+        let count = u32::try_from(count).map_err(|_| raised(format_args!("an orbit cannot have {count} cameras")))?;
         let cameras = Orbit::around(&self.snapshot(py), up).cameras(count, size);
         let checked = |camera: scene::Camera| camera.validate().map(|()| Camera { camera }).or_raise();
         cameras.into_iter().map(checked).collect()
@@ -203,11 +205,11 @@ impl Scene {
     }
 
     /// The Gaussians that instance k has beside its template's, in the template's frame.
-    fn own(&self, py: Python<'_>, k: usize) -> PyResult<Gaussians> {
+    fn own(&self, py: Python<'_>, k: i64) -> PyResult<Gaussians> {
         let scene = self.snapshot(py);
-        if k >= scene.instances.len() {
+        let Some(k) = usize::try_from(k).ok().filter(|&k| k < scene.instances.len()) else {
             return Err(raised(format_args!("there is no instance {k}: there are {}", scene.instances.len())));
-        }
+        };
         Ok(Gaussians { cloud: scene.own.range(scene.own_range(k)) })
     }
 

@@ -265,8 +265,9 @@ fn the_oldest_steps_are_forgotten_first() {
     }
     let each = editor.undo[0].parts.bytes();
     assert_eq!(each, 56 * scene.instances.len() as u64);
+    assert!(!editor.has_forgotten());
     editor.forget_oldest(4, u64::MAX);
-    assert_eq!(editor.steps(), [4, 0]);
+    assert!(editor.steps() == [4, 0] && editor.has_forgotten());
     editor.forget_oldest(9, 3 * each);
     assert_eq!(editor.steps(), [3, 0]);
     while editor.undo(&mut scene).is_some() {}

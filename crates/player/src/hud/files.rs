@@ -12,7 +12,7 @@ use crate::texts;
 
 /// Endings of files that can be opened; below, of files that can be written.
 const READ: [&str; 6] = ["instgs", "ply", "spz", "sog", "splat", "glb"];
-const WRITTEN: [&str; 7] = ["instgs", "glb", "usda", "html", "ply", "spz", "sog"];
+const WRITTEN: [&str; 8] = ["instgs", "glb", "usda", "usdc", "html", "ply", "spz", "sog"];
 
 /// State of both panels.
 #[derive(Default)]

@@ -14,7 +14,7 @@ use crate::error::{ChangeError, PlayerError};
 use crate::texts;
 
 impl SceneViewer {
-    /// A copy of the scene as it was opened; see [`Editor::first_state`].
+    /// A copy of the scene as it was opened, or as far back as changes can be undone; see [`Editor::first_state`].
     pub fn first_state(&mut self) -> InstancedScene {
         self.editor.first_state(&mut self.scene)
     }

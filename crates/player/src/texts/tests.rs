@@ -34,7 +34,7 @@ const BEFORE: [&str; 25] = [
     "PlayerError::Script(format!(",
 ];
 /// Further literals that nobody reads, or that are names everywhere.
-const NAMES: [&str; 35] = [
+const NAMES: [&str; 36] = [
     "instgs",
     "ply",
     "spz",
@@ -43,6 +43,7 @@ const NAMES: [&str; 35] = [
     "glb",
     "mp4",
     "usda",
+    "usdc",
     "html",
     "INSTGS_PLAYER_CONFIG",
     "hide",

@@ -26,6 +26,8 @@ pub(super) struct Split {
     width_px: f64,
     per_point: f64,
     held: bool,
+    /// What stands at the left side.
+    name: &'static str,
 }
 
 impl Split {
@@ -73,7 +75,7 @@ impl Split {
             ctx.set_cursor_icon(CursorIcon::ResizeHorizontal);
         }
         let painter = ctx.layer_painter(LayerId::background());
-        let sides = [(-BESIDE, Align2::RIGHT_TOP, texts::AS_OPENED), (BESIDE, Align2::LEFT_TOP, texts::NOW)];
+        let sides = [(-BESIDE, Align2::RIGHT_TOP, self.name), (BESIDE, Align2::LEFT_TOP, texts::NOW)];
         for (beside, align, name) in sides {
             let at = egui::pos2(x as f32 + beside, BELOW);
             painter.text(at + egui::vec2(1.0, 1.0), align, name, FontId::proportional(14.0), Color32::BLACK);
@@ -95,11 +97,13 @@ impl Live {
             return Ok(());
         }
         let opened = self.session.viewer.first_state();
+        let is_first = !self.session.viewer.editor().has_forgotten();
+        let name = if is_first { texts::AS_OPENED } else { texts::OLDEST_STATE };
         let options = self.session.viewer.options;
         match SceneViewer::new(&self.session.gpu, opened, options) {
             Ok(viewer) => {
                 let (width_px, per_point) = (f64::from(self.screen.swapchain.size_px()[0]), self.screen.per_point());
-                self.split = Some(Split { viewer, at: 0.5, width_px, per_point, held: false });
+                self.split = Some(Split { viewer, at: 0.5, width_px, per_point, held: false, name });
             }
             Err(error) if error.is_too_much() => self.end_split(&error),
             Err(error) => return Err(error),

@@ -371,6 +371,11 @@ impl Writing {
         // Before the file is replaced: it may be the one that is written.
         let lost = if self.saves { packing_lost(&self.from) } else { None };
         let (exported, of_page) = match self.format {
+            // A folder's files are each written under a temporary name.
+            ExportFormat::SogFolder => {
+                let write = || export_scene(&self.to, &self.scene, self.format, self.up).map_err(|e| e.to_string());
+                (unless_cancelled(&self.cancelled, write)?, Vec::new())
+            }
             ExportFormat::Page(pack) => (ExportedScene::default(), self.write_page(pack)?),
             _ => (self.write_part()?, Vec::new()),
         };
@@ -428,7 +433,7 @@ fn cannot_write(to: &Path, error: &std::io::Error) -> String {
 }
 
 /// Lets a complete file appear under its name, unless the user has cancelled.
-fn unless_cancelled(cancelled: &AtomicBool, appear: impl FnOnce() -> Result<(), String>) -> Result<(), String> {
+fn unless_cancelled<T>(cancelled: &AtomicBool, appear: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     if cancelled.load(Ordering::Relaxed) { Err(texts::CANCELLED.into()) } else { appear() }
 }
 
