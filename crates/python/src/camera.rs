@@ -25,10 +25,10 @@ impl Camera {
     }
 }
 
-/// A picture's width and height in pixels, of any numbers.
+/// A picture's width and height in pixels, of any numbers; a camera or a data set checks the limits.
 pub(crate) fn size_of((width, height): (i64, i64)) -> PyResult<(u32, u32)> {
-    let side = |value: i64| u32::try_from(value).ok().filter(|&side| side > 0);
-    side(width).zip(side(height)).ok_or_else(|| raised(format_args!("a picture cannot have {width}x{height} pixels")))
+    let side = |value: i64| u32::try_from(value).ok();
+    side(width).zip(side(height)).ok_or_else(|| raised(format_args!("size {width}x{height} is no size of a picture")))
 }
 
 #[pymethods]

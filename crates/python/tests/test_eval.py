@@ -1,8 +1,10 @@
 """The figures of a scene beside photos, and the remarks about them."""
 
 import json
+import shutil
 import struct
 import warnings
+import zlib
 
 import numpy as np
 import pytest
@@ -75,6 +77,34 @@ def test_exposures_are_figures_if_asked_for(seen, data):
     figures = instgs.eval(seen, data, exposures=True)
     assert all(isinstance(part["psnr_exposed"], float) for part in [figures["mean"], *figures["views"]])
     assert "psnr_exposed" not in instgs.eval(seen, data)["mean"]
+
+
+def black_png(width, height):
+    """A PNG of black pixels, 8 bits of grey."""
+
+    def chunk(kind, content):
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    rows = zlib.compress(bytes((width + 1) * height))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def test_photos_of_which_no_pixel_counts_are_left_out(seen, data, tmp_path):
+    copy = tmp_path / "data"
+    shutil.copytree(data, copy)
+    shutil.rmtree(copy / "masks")  # with masks of objects there, mask_path would name such a mask
+    first, *others = instgs.Camera.of_data(data, "all")
+    (copy / "black.png").write_bytes(black_png(first.width, first.height))
+    for file in copy.glob("transforms*.json"):
+        views = json.loads(file.read_text())
+        for frame in views["frames"]:
+            if first.name in frame["file_path"]:
+                frame["mask_path"] = "black.png"
+        file.write_text(json.dumps(views))
+    with pytest.warns(UserWarning, match=first.name):
+        report = instgs.eval(seen, copy, split="all")
+    assert [view["name"] for view in report["views"]] == [view.name for view in others]
 
 
 def test_views_that_show_nothing_are_warned_of(seen, data):

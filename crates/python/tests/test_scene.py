@@ -84,7 +84,8 @@ def test_a_page_holds_the_scene(scene, tmp_path):
 
 
 def test_saved_scenes_come_back(scene, tmp_path):
-    scene.save(tmp_path / "a.instgs")
+    scene.save(tmp_path / "new folder" / "a.instgs")
+    (tmp_path / "new folder" / "a.instgs").rename(tmp_path / "a.instgs")
     back = instgs.Scene.load(tmp_path / "a.instgs")
     assert same(back.background, scene.background) and same(back.templates[1], scene.templates[1])
     assert [i.group for i in back.instances] == [i.group for i in scene.instances]
@@ -122,6 +123,14 @@ def test_errors_are_one_line_of_one_class(scene, tmp_path):
         (lambda: instgs.Camera.look_at((0, 0, 0), (0, 0, 0), (0, 0, 1)), "eye and target must differ"),
         (lambda: instgs.Camera.of_data(tmp_path), "has no cameras"),
         (lambda: instgs.Renderer("no such device"), "no such device"),
+        (lambda: instgs.Renderer(-1), "no device -1"),
+        (lambda: instgs.Camera(-4, 4, 1, 1, 1, 1, np.eye(4)), "size -4x4"),
+        (lambda: scene.orbit(-1), "-1 cameras"),
+        (lambda: scene.own(-1), "no instance -1"),
+        (lambda: scene.save(tmp_path / "x.instgs", pack="small", data=tmp_path, finish=-1), "finish is -1"),
+        (lambda: instgs.eval(scene, tmp_path, width=-1), "width is -1"),
+        (lambda: instgs.synth(tmp_path / "data", views=-1), "views is -1"),
+        (lambda: instgs.Poses([{"ids": [1], "world_from_template": np.eye(4)[None, :3], "score": "x"}]), '"score" of group 0'),
     ]:
         with pytest.raises(instgs.Error) as error:
             call()
