@@ -140,7 +140,7 @@ pub fn export_scene(
     Ok(exported)
 }
 
-/// Number of Gaussians that are of no template with an instance, nor of an instance, nor of the background.
+/// Number of Gaussians of templates that no instance uses.
 fn unused_gaussians(scene: &InstancedScene) -> u64 {
     let mut is_used = vec![false; scene.templates.len()];
     for instance in &scene.instances {

@@ -89,7 +89,8 @@ impl TrainConfig {
         (rate > 0.0).then(|| log_linear(rate, rate_final, step, self.steps))
     }
 
-    /// SH degree that step index `step` uses, 0..=`sh_degree`. The base colours of a given cloud have settled already: all degrees from the start.
+    /// SH degree that step index `step` uses, 0..=`sh_degree`. The base colours of a given cloud have settled already, so it has
+    /// all degrees from the start.
     pub fn sh_degree_at(&self, step: u64) -> u32 {
         if self.init_scene.is_some() {
             return self.sh_degree;
