@@ -37,12 +37,11 @@ void main() {
     vec4 sums[3] = vec4[3](vec4(0.0), vec4(0.0), vec4(0.0));
     for (uint k = 0; k < EXPOSURE_PIXELS; ++k) {
         uint i = first + k * WORKGROUP_SIZE;
-        if (i < pixels) {
-            vec3 g = cotangents[i].rgb;
-            vec4 extended = exposable(colors[i], background);
-            [[unroll]] for (uint r = 0; r < 3; ++r) sums[r] += g[r] * extended;
-            cotangents[i] = vec4(g.r * linear[0] + g.g * linear[1] + g.b * linear[2], dot(g, by_alpha));
-        }
+        if (i >= pixels) break;
+        vec3 g = cotangents[i].rgb;
+        vec4 extended = exposable(colors[i], background);
+        [[unroll]] for (uint r = 0; r < 3; ++r) sums[r] += g[r] * extended;
+        cotangents[i] = vec4(g.r * linear[0] + g.g * linear[1] + g.b * linear[2], dot(g, by_alpha));
     }
     for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) {
         uint other = gl_SubgroupInvocationID ^ mask;
