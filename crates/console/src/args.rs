@@ -343,10 +343,7 @@ pub fn create_folder(path: &Path) -> Result<(), CliError> {
 /// # Errors
 /// The folder cannot be created.
 pub fn create_folder_of(file: &Path) -> Result<(), CliError> {
-    match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => create_folder(folder),
-        _ => Ok(()),
-    }
+    Ok(instgs_io::run_folder::create_for(file)?)
 }
 
 /// Parses the name of a precision.

@@ -168,6 +168,17 @@ pub fn create(folder: &Path) -> Result<(), IoError> {
     std::fs::create_dir_all(folder).map_err(|e| IoError::new(folder, format!("cannot create the folder: {e}")))
 }
 
+/// Makes the folder that a file is to lie in, and those above it: before the work whose result it will hold.
+///
+/// # Errors
+/// The system refuses.
+pub fn create_for(file: &Path) -> Result<(), IoError> {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => create(folder),
+        _ => Ok(()),
+    }
+}
+
 fn first_there(paths: impl IntoIterator<Item = PathBuf>) -> Option<String> {
     let found = paths.into_iter().find(|path| path.exists())?;
     Some(found.file_name()?.to_string_lossy().into_owned())

@@ -15,8 +15,8 @@ use super::observer::{TrainMessage, TrainObserver};
 use super::trainer::TrainJob;
 use super::view_pictures::evaluate_test_views;
 
-/// Writes the trained scene, from which `pruned` Gaussians were removed as transparent; returns the length of the file that counts as
-/// the result, bytes.
+/// Writes the trained scene, from which `pruned` Gaussians were removed as transparent. Returns the length in bytes of the file
+/// that counts as the result.
 pub(super) fn write_scene(job: &TrainJob, scene: &InstancedScene, pruned: usize, done: u64) -> Result<u64, TrainError> {
     if scene.expanded_len() == 0 {
         return Err(match pruned {

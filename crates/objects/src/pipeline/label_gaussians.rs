@@ -136,9 +136,9 @@ pub(super) fn are_of_another_cloud(folder: &RunFolder) -> bool {
     print.is_some_and(|print| print_of(&folder.point_cloud()).is_ok_and(|now| now != print))
 }
 
-/// Length and hash of a cloud's file, as text.
-pub(super) fn print_of(cloud: &Path) -> Result<String, IoError> {
-    let FilePrint { bytes, hash, .. } = FilePrint::of(cloud)?;
+/// Length and hash of a file, as text: a change of it is noticed by them.
+pub(super) fn print_of(file: &Path) -> Result<String, IoError> {
+    let FilePrint { bytes, hash, .. } = FilePrint::of(file)?;
     Ok(format!("{bytes} {hash}"))
 }
 

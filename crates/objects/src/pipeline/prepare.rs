@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use crate::register::InstanceRegistration;
 use crate::segment::ConsensusReport;
 use crate::template::GroupReport;
-use instgs_io::fingerprint::FilePrint;
 use instgs_io::json::{read_json, write_json};
 use instgs_io::{IoError, remove_if_there, write_scene_file};
 use instgs_vk::gpu::Gpu;
@@ -17,7 +16,7 @@ use instgs_vk::gpu::Gpu;
 use super::build_templates::{self, build_templates};
 use super::error::PipelineError;
 use super::job::PipelineJob;
-use super::label_gaussians::{are_of_another_cloud, label_gaussians, read_cloud};
+use super::label_gaussians::{are_of_another_cloud, label_gaussians, print_of, read_cloud};
 use super::make_masks::masks_from_boxes;
 use super::mask_check::without_mask_line;
 use super::observer::Observer;
@@ -50,33 +49,20 @@ pub struct Prepared {
     /// Remarks on the boxes that masks were made from, one line each.
     #[serde(default)]
     pub boxes: Vec<String>,
-    /// The file that the groups were given by.
+    /// Print of the file that the groups were given by, if they were: a change is noticed by it.
     #[serde(default)]
-    pub groups_file: Option<GroupsFile>,
+    pub groups_print: Option<String>,
 }
 
-/// What tells a file of groups from another.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct GroupsFile {
-    /// Length, bytes.
-    pub bytes: u64,
-    /// Hash of its content.
-    pub hash: String,
+/// Print of the file of groups that the job names.
+fn groups_print(job: &PipelineJob) -> Result<Option<String>, IoError> {
+    job.config.pipeline.groups.as_deref().map(print_of).transpose()
 }
 
-impl GroupsFile {
-    /// That of the job, if it has one.
-    fn of(job: &PipelineJob) -> Result<Option<Self>, IoError> {
-        let Some(path) = &job.config.pipeline.groups else { return Ok(None) };
-        let FilePrint { bytes, hash, .. } = FilePrint::of(path)?;
-        Ok(Some(Self { bytes, hash }))
-    }
-
-    /// True if the given file is the one that the run leaves.
-    fn is_own(job: &PipelineJob) -> bool {
-        let own = job.folder().groups().canonicalize();
-        job.config.pipeline.groups.as_ref().is_some_and(|given| given.canonicalize().ok() == own.ok())
-    }
+/// True if the job's file of groups is the one in its own run folder.
+fn are_groups_of_run(job: &PipelineJob) -> bool {
+    let own = job.folder().groups().canonicalize().ok();
+    job.config.pipeline.groups.as_ref().is_some_and(|given| own.is_some() && given.canonicalize().ok() == own)
 }
 
 /// Refuses given groups that are no longer those that the templates of a run were made from.
@@ -87,9 +73,9 @@ pub(super) fn check_same_groups(job: &PipelineJob) -> Result<(), IoError> {
     let (report, groups) = (job.folder().prepared(), &job.config.pipeline.groups);
     // A file that is not there any more is not needed any more.
     let Some(path) = groups.as_ref().filter(|path| path.is_file() && report.is_file()) else { return Ok(()) };
-    let Prepared { groups_file, .. } = read_json(&report)?;
+    let Prepared { groups_print: noted, .. } = read_json(&report)?;
     // Older versions did not note it.
-    if groups_file.is_none() || groups_file == GroupsFile::of(job)? {
+    if noted.is_none() || noted == groups_print(job)? {
         return Ok(());
     }
     let what = format!("has changed since the templates of {} were made from it", job.out.display());
@@ -130,7 +116,7 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
     // Templates without their report are not taken for those of the labels to come.
     remove_if_there(&report_path)?;
     // Taken before they are read; the run's own file is written anew when they are.
-    let mut groups_file = GroupsFile::of(job)?;
+    let mut of_groups = groups_print(job)?;
     let boxes = masks_from_boxes(gpu, job, &cloud, observer)?;
     let labels = label_gaussians(gpu, job, &cloud, observer)?;
     let found = match kept_groups(job)? {
@@ -142,8 +128,8 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
             found
         }
     };
-    if GroupsFile::is_own(job) {
-        groups_file = GroupsFile::of(job)?;
+    if are_groups_of_run(job) {
+        of_groups = groups_print(job)?;
     }
     let ObjectGroups { groups, registration, stages: registering } = found;
     let clock = Stage::Merge.begin(observer)?;
@@ -159,7 +145,7 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
         views: labels.cameras.len(),
         consensus: labels.consensus,
         boxes: boxes.map(|made| made.notes).unwrap_or_default(),
-        groups_file,
+        groups_print: of_groups,
     };
     write_json(&report_path, &prepared)?;
     Ok(prepared)
@@ -180,7 +166,7 @@ mod tests {
         let job = PipelineJob { data: folder.path().into(), out, config, resume: true, accept_changed_data: false };
         std::fs::write(&file, "[]")?;
         check_same_groups(&job)?;
-        let noted = Prepared { groups_file: GroupsFile::of(&job)?, ..Prepared::default() };
+        let noted = Prepared { groups_print: groups_print(&job)?, ..Prepared::default() };
         write_json(&job.folder().prepared(), &noted)?;
         check_same_groups(&job)?;
         std::fs::write(&file, "[ ]")?;
