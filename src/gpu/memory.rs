@@ -33,8 +33,9 @@ impl MemoryUse {
         }
     }
 
+    /// Whether it may be device memory, which the budget is for.
     fn counts(self) -> bool {
-        self != Self::DeviceOnHost
+        !matches!(self, Self::DeviceOnHost | Self::Readback)
     }
 }
 

@@ -8,7 +8,7 @@ use crate::common::program::{built, program, skips_gpu};
 use crate::made_once::three_cars;
 use assert_cmd::Command;
 use instgs_io::checkpoint::{self, Checkpoint};
-use instgs_io::{load_scene, read_exposures, read_groups, write_groups};
+use instgs_io::{load_scene, read_exposures, read_groups, write_groups, write_ply};
 use instgs_vk::scene::PosedGroup;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use serde_json::Value;
@@ -188,6 +188,22 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
     of_stages.iter().zip(kept).for_each(|(path, bytes)| fs::write(path, bytes).unwrap());
     resume(["--joint-steps", "70"]).assert().success();
     assert_eq!(json(at.join("b/report.json"))["steps"], 70);
+    // What is refused later, by a checkpoint and by its photos, leaves the folder as it was, too.
+    let before = configs();
+    let text = error_of(&mut resume(["--joint-steps", "50"]));
+    assert!(text.contains("is of step 70, the configuration has steps = 50"), "{text}");
+    let photos = ["view_001", "view_002"].map(|name| at.join("data/images").join(format!("{name}.png")));
+    let photo = fs::read(&photos[0]).unwrap();
+    fs::copy(&photos[1], &photos[0]).unwrap();
+    let text = error_of(&mut resume(["--set", "joint.prune_opacity=0.5"]));
+    assert!(text.contains("view_001") && text.contains("--accept-changed-data"), "{text}");
+    assert!(configs() == before);
+    fs::write(&photos[0], &photo[..photo.len() / 2]).unwrap();
+    error_of(&mut train(&at, "never", &[]));
+    for left in ["never/config.toml", "never/vanilla"] {
+        assert!(!at.join(left).exists(), "a run that never began left {left}");
+    }
+    fs::write(&photos[0], photo).unwrap();
     // Poses and offsets are in the checkpoint.
     let (path, _) = checkpoint::latest(&at.join("a/checkpoints")).unwrap().found.unwrap();
     let state = Checkpoint::read(&path).unwrap();
@@ -287,6 +303,17 @@ fn bad_input_is_named() {
     let report = json(at.join("x4/report.json"));
     assert!(report["vanilla"]["eval"]["psnr"].as_f64().unwrap() > 5.0);
     assert_eq!(report["vanilla"]["stages"][0]["name"], "load");
+
+    // The run keeps the cloud that its joint phase began with, whatever becomes of the given file.
+    let own = fs::read(at.join("x4/point_cloud.ply")).unwrap();
+    let mut moved = load_scene(Path::new(&cloud)).unwrap().scene;
+    moved.background.means[0][0] += 1.0;
+    write_ply(Path::new(&cloud), &moved.background, moved.pixel_filter).unwrap();
+    let text = error_of(&mut train(&at, "x4", &["--resume", "--masks", &masks]));
+    assert!(text.contains("its joint phase began with another plain cloud"), "{text}");
+    assert!(fs::read(at.join("x4/point_cloud.ply")).unwrap() == own);
+    fs::remove_file(&cloud).unwrap();
+    train(&at, "x4", &["--resume", "--masks", &masks]).assert().success();
 }
 
 /// Every row of the protocol is there, and a second call trains nothing again.

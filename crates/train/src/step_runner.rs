@@ -152,6 +152,12 @@ impl StepRunner {
         &self.frame
     }
 
+    /// Frees the buffers of a step; the next one makes them anew. No step may be in flight.
+    pub fn release(&mut self) {
+        debug_assert!(!self.is_busy());
+        self.frame.release();
+    }
+
     /// Sets the initial capacity for intersections; the result of training does not depend on it.
     pub fn set_intersections(&mut self, intersections: u32) {
         self.frame.set_intersections(intersections);

@@ -10,7 +10,7 @@ use instgs_io::{Fingerprint, RunFolder, View, atomic_write, checkpoint};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::optim::{Adam, ExposureStep};
-use instgs_vk::render::Renderer;
+use instgs_vk::render::{RenderError, Renderer};
 use instgs_vk::scene::{InstancedScene, RepeatedBytes};
 
 use super::config::TrainConfig;
@@ -411,9 +411,26 @@ impl<'a> Run<'a> {
         if self.test.is_empty() {
             return Ok(());
         }
-        match self.evaluate() {
+        match self.evaluate_with_room(done) {
             Ok(report) => Ok(sink.event(&evaluated(done, &report))?),
             Err(error) => Err(self.given_up(done, error, sink)),
+        }
+    }
+
+    /// Evaluates the test views after `done` steps. Where memory is short the buffers of steps make room, then photos.
+    fn evaluate_with_room(&mut self, done: u64) -> Result<EvalReport, TrainError> {
+        let mut released = false;
+        loop {
+            match self.evaluate() {
+                Err(error) if error.missing_bytes().is_some() => {
+                    if !std::mem::replace(&mut released, true) {
+                        self.runner.release();
+                    } else if !self.views.give_way(done)? {
+                        return Err(error);
+                    }
+                }
+                report => return report,
+            }
         }
     }
 
@@ -532,17 +549,28 @@ impl<'a> Run<'a> {
         // A densification that has begun cannot be repeated, so photos give way before it.
         while config.densifies_at(done) && self.memory_is_tight() && self.views.give_way(done)? {}
         // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first.
-        let saved = if config.densifies_at(done) && self.memory_is_tight() {
+        let mut saved = if config.densifies_at(done) && self.memory_is_tight() {
             sink.flush()?;
             Some(self.save_checkpoint(done, Saving::DensificationDue)?)
         } else {
             None
         };
-        let outcome = self.strategy.after_step(&mut self.state, config, done, self.extent);
-        let outcome = outcome.map_err(|error| {
-            let error: TrainError = error.into();
-            TrainError::Step { step: done, remedy: self.remedy(&error), error: Box::new(error), saved }
-        })?;
+        let outcome = match self.strategy.after_step(&mut self.state, config, done, self.extent) {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                // Of settings that would leave nothing: nothing has changed, and others can go on from here.
+                if saved.is_none() && matches!(error, RenderError::Option { .. }) {
+                    saved = sink.flush().ok().and_then(|()| self.save_checkpoint(done, Saving::DensificationDue).ok());
+                }
+                let error: TrainError = error.into();
+                return Err(TrainError::Step {
+                    step: done,
+                    remedy: self.remedy(&error),
+                    error: Box::new(error),
+                    saved,
+                });
+            }
+        };
         let Some(outcome) = outcome else { return Ok(()) };
         if config.densifies_at(done) {
             sink.event(&Event::Densified {

@@ -113,8 +113,15 @@ impl TrainViews {
             out.largest_px[1] = out.largest_px[1].max(loaded.image.height);
             full |= out.bytes + loaded.image.bytes() > plan.budget_bytes;
             if !full {
-                out.bytes += loaded.image.bytes();
-                out.resident.push(device_view(gpu, &loaded)?);
+                match device_view(gpu, &loaded).map_err(TrainError::from) {
+                    Ok(view) => {
+                        out.bytes += loaded.image.bytes();
+                        out.resident.push(view);
+                    }
+                    // The state came first, and has grown: this one and those behind it are streamed.
+                    Err(error) if error.missing_bytes().is_some() => full = true,
+                    Err(error) => return Err(error),
+                }
             }
             Ok(on_loaded()?)
         })?;

@@ -2,6 +2,7 @@
 //! phase starts from. Each stage leaves a file in the run folder, and is skipped while that file exists. The stages are
 //! also commands of their own (`segment`, `register`, `merge`), which call the same functions.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -94,6 +95,12 @@ impl Prepared {
     }
 }
 
+/// The error of a run whose joint phase is to go on with another cloud than it began with.
+pub(super) fn began_with_another_cloud(run: &Path) -> IoError {
+    let error = IoError::new(run, "its joint phase began with another plain cloud");
+    error.advise("put that one back (--init), or train into another folder")
+}
+
 /// Makes `initial.instgs` in the run folder from `point_cloud.ply` there, the masks of the configuration, and its
 /// groups if it names any. If no objects are alike, the whole scene is background. `observer` receives the stages and
 /// the number of views done.
@@ -109,8 +116,7 @@ pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -
             return Ok(read_json(&report_path)?);
         }
         if joint_has_begun(&job.folder()) {
-            let error = IoError::new(&job.out, "its joint phase began with another plain cloud");
-            return Err(error.advise("put that one back (--init), or train into another folder").into());
+            return Err(began_with_another_cloud(&job.out).into());
         }
     }
     // Templates without their report are not taken for those of the labels to come.

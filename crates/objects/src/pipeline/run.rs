@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use super::check_masks;
 use super::config::{ConfigBuilder, RunConfig};
@@ -14,11 +14,12 @@ use super::made_masks::check_same_origin;
 use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
-use super::prepare::{Prepared, check_same_groups, prepare};
+use super::prepare::{Prepared, began_with_another_cloud, check_same_groups, prepare};
 use instgs_io::json::read_json;
+use instgs_io::ply::ply_bytes;
 use instgs_io::{
-    Dataset, IoError, RunFolder, Split, atomic_write, checkpoint, copy_file, load_scene, read_bytes, write_ply,
-    write_scene_file,
+    Dataset, IoError, RunFolder, Split, atomic_write, checkpoint, copy_file, load_scene, read_bytes, remove_if_there,
+    write_ply, write_scene_file,
 };
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
@@ -143,13 +144,30 @@ impl Pipeline<'_> {
         check_same_cloud(job)?;
         // Existing masks are checked before hours of training, and before the run folder is created.
         let are_there = matches!(MaskSource::of(job)?, MaskSource::Folder(_) | MaskSource::Boxes(_));
-        let mut warned = if are_there { checked(job, observer)? } else { Vec::new() };
+        let warned = if are_there { checked(job, observer)? } else { Vec::new() };
         job.folder().create()?;
+        let before = Before::of(job)?;
         // The joint phase writes it too, but a run that is stopped before must find it when it resumes.
         let text = job.config.to_toml()?;
         atomic_write(&job.folder().config(), |out| out.write_all(text.as_bytes()))?;
+        let finished = self.run_phases(job, are_there, warned, observer);
+        if finished.as_ref().is_err_and(|error| !matches!(error, PipelineError::Interrupted { .. })) {
+            before.restore(job);
+        }
+        finished
+    }
+
+    /// All phases, in a folder that has its configuration. `warned` are the warnings about masks that the user has had, if
+    /// `masks_are_there`.
+    fn run_phases(
+        &self,
+        job: &PipelineJob,
+        masks_are_there: bool,
+        mut warned: Vec<String>,
+        observer: &mut dyn Observer,
+    ) -> Result<Finished, PipelineError> {
         let naming = masks_from_prompt(job, observer)?;
-        if !are_there {
+        if !masks_are_there {
             warned = checked(job, observer)?;
         }
         let plain_cloud = match &job.config.train.init_scene {
@@ -244,9 +262,18 @@ impl Pipeline<'_> {
     ) -> Result<TrainFacts, PipelineError> {
         let started = Instant::now();
         let config = &job.config.train;
-        let GivenCloud { cloud, file_bytes, warnings } = given_cloud(scene, config)?;
+        let own = job.folder().point_cloud();
+        // A joint phase goes on with the cloud that it began with, which the given file need not outlive.
+        let has_begun = job.resume && joint_has_begun(&job.folder()) && own.is_file();
+        let is_gone = has_begun && !scene.exists();
+        let GivenCloud { cloud, file_bytes, warnings } = given_cloud(if is_gone { &own } else { scene }, config)?;
+        if has_begun && !is_gone && read_bytes(&own)? != ply_bytes(&cloud, config.pixel_filter()) {
+            return Err(began_with_another_cloud(&job.out).into());
+        }
         warnings.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
-        write_ply(&job.folder().point_cloud(), &cloud, config.pixel_filter())?;
+        if !has_begun {
+            write_ply(&own, &cloud, config.pixel_filter())?;
+        }
         let (pixel_filter, near_plane) = (config.pixel_filter(), config.near_plane());
         let scene = InstancedScene { pixel_filter, near_plane, ..InstancedScene::from_cloud(cloud) };
         let facts = TrainFacts {
@@ -278,6 +305,48 @@ impl Pipeline<'_> {
         let report = evaluate_test_views(&mut renderer, &device_scene, &test, config, &mut |_| Ok(()))?;
         Ok(Some(report.mean))
     }
+}
+
+/// What a run folder held before its configuration was replaced.
+struct Before {
+    /// Its configuration, if it had one.
+    config: Option<Vec<u8>>,
+    /// Checkpoints of both phases, and when they were written.
+    checkpoints: Vec<(PathBuf, SystemTime)>,
+}
+
+impl Before {
+    fn of(job: &PipelineJob) -> Result<Self, IoError> {
+        let config = Some(job.folder().config()).filter(|file| file.is_file());
+        Ok(Self { config: config.map(|file| read_bytes(&file)).transpose()?, checkpoints: checkpoints_of(job) })
+    }
+
+    /// After an error: gives the folder the configuration back that it had, unless steps were trained with the new one. What was
+    /// refused is then as if it had not been asked for. If that fails as well, the first error is the one to report.
+    fn restore(self, job: &PipelineJob) {
+        if checkpoints_of(job) != self.checkpoints {
+            return;
+        }
+        let file = job.folder().config();
+        let _ = match self.config {
+            Some(bytes) => atomic_write(&file, |out| out.write_all(&bytes)),
+            None => {
+                // That of the plain cloud is removed if it is empty.
+                let _ = std::fs::remove_dir(job.cloud_phase().folder().path());
+                remove_if_there(&file)
+            }
+        };
+    }
+}
+
+/// The checkpoints of both phases, and when they were written.
+fn checkpoints_of(job: &PipelineJob) -> Vec<(PathBuf, SystemTime)> {
+    let folders = [job.folder(), job.cloud_phase().folder()].map(|run| run.checkpoints());
+    let files = folders.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
+    let mut out: Vec<_> =
+        files.filter_map(|file| Some((file.path(), file.metadata().and_then(|data| data.modified()).ok()?))).collect();
+    out.sort_unstable();
+    out
 }
 
 /// True if the joint phase of a run with templates and instances has begun: it has a checkpoint.
