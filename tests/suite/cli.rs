@@ -177,11 +177,20 @@ fn missing_and_broken_files_exit_with_1_and_one_line_that_names_them() {
     let text = render("three.ply", "--camera", "garbage.json");
     assert!(text.contains("garbage.json: line 2"), "{text}");
     let text = render("three.ply", "--data", "no-such-folder");
-    assert!(text.contains("no-such-folder: has no cameras"), "{text}");
+    assert!(text.contains("no-such-folder: there is no such folder"), "{text}");
+    let text = render("three.ply", "--data", "cameras.json");
+    assert!(text.contains("cameras.json: is a file, and a dataset is a folder"), "{text}");
     let text = render("cut.ply", "--camera", "cameras.json");
     assert!(text.contains("cut.ply"), "{text}");
     let text = render("cameras.json", "--camera", "cameras.json");
     assert!(text.contains("unknown scene format"), "{text}");
+    // A folder, and that of a run.
+    fs::create_dir_all(at("run")).unwrap();
+    let text = render("run", "--camera", "cameras.json");
+    assert!(text.contains("run: is a folder") && text.contains("name the scene's file"), "{text}");
+    fs::copy(at("three.ply"), at("run/point_cloud.ply")).unwrap();
+    let text = render("run", "--camera", "cameras.json");
+    assert!(text.contains("its scene is ") && text.contains("point_cloud.ply"), "{text}");
     assert!(!out.exists(), "nothing is made before the input is known to be good");
 }
 

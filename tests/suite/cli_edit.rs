@@ -124,7 +124,7 @@ fn lists_and_reports_in_words() {
     let words =
         text_of(&["--rotate", "group:chair", "yaw=10", "--swap", "0", "template=0", "--out", out.to_str().unwrap()]);
     assert!(
-        words.contains("rotate: changed 3 instances, 0 to 2") && words.contains("swap: changed nothing"),
+        words.contains("rotate: changed 3 instances, 0 to 2") && words.contains("swap: changed no instance"),
         "{words}"
     );
 }

@@ -122,7 +122,7 @@ fn levels_are_optimised_and_stored() {
     assert!(rows.len() > 3 && first["templates"][0]["gaussians"] == 400);
     let db = |row: &Value, field: &str| row[field].as_f64().unwrap();
     let gains: Vec<f64> = rows.iter().map(|row| db(row, "fitted_psnr_db") - db(row, "merged_psnr_db")).collect();
-    assert!(gains.iter().all(|&gain| gain > 1.0), "{gains:?}");
+    assert!(gains.iter().all(|&gain| gain > 1.0) && rows.iter().all(|row| row["is_kept"] == true), "{gains:?}");
     // The same command, the same bytes; levels that are there are not made again.
     levels(&scene, &at("b.instgs"), &[]).assert().success();
     assert!(fs::read(at("a.instgs")).unwrap() == fs::read(at("b.instgs")).unwrap());

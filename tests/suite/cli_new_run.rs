@@ -109,7 +109,7 @@ fn a_dry_run_counts_masks_and_objects() {
     assert!(text.contains("steps") && text.contains("MiB") && text.contains("nothing was written"), "{text}");
     fs::write(at.join("data/masks/003.png"), "no picture").unwrap();
     assert!(error_of(&mut train(at, &["data", "--config", "instgs_quick", "--dry-run"])).contains("003.png"));
-    assert!(error_of(&mut train(at, &["no-such", "--dry-run"])).contains("no-such: has no cameras"));
+    assert!(error_of(&mut train(at, &["no-such", "--dry-run"])).contains("no-such: there is no such folder"));
     assert!(!at.join("runs").exists());
 }
 

@@ -164,7 +164,7 @@ fn print(report: &Edited, printer: &Printer) {
         };
         let parts = [("changed", &outcome.changed), ("added", &outcome.added), ("removed", &outcome.removed)];
         let parts: Vec<String> = parts.iter().filter_map(|(verb, indices)| part(verb, indices)).collect();
-        let what = if parts.is_empty() { "changed nothing".to_owned() } else { parts.join(", ") };
+        let what = if parts.is_empty() { "changed no instance".to_owned() } else { parts.join(", ") };
         printer.line(format_args!("{operation}: {what}"));
     }
     if let Some(list) = &report.list {

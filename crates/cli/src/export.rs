@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::export_page;
-use instgs_console::args::{Triple, create_folder_of, open_scene, parse_near, parse_up};
+use instgs_console::args::{Triple, create_folder, create_folder_of, open_scene, parse_near, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
@@ -44,8 +44,8 @@ pub(super) struct ExportArgs {
     #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|usdc|instgs|html)|DIR/")]
     pub(super) to: PathBuf,
     /// Number format of an .instgs file [default: f32], or of the scene in an .html [default: small]. f32: as they are. f16: 16
-    /// bits, except means and transforms. q8: offsets in 8 bits, the rest as f16. small: everything rounded and entropy coded,
-    /// with --data only as precisely as its views need
+    /// bits, except means and transforms. q8: offsets in 8 bits but those of shape, the rest as f16. small: everything rounded
+    /// and entropy coded, with --data only as precisely as its views need
     #[arg(long, value_enum)]
     pack: Option<PackArg>,
     /// Dataset whose training views say how precise --pack small must be: far fewer bytes for the same pictures. Photos
@@ -179,14 +179,14 @@ pub(super) fn config_beside(scene: &Path) -> Result<Option<TrainConfig>, ConfigE
     Ok(Some(config.train))
 }
 
-/// Writes the scene in the format and returns how many Gaussians the file holds.
+/// Writes the scene in the format.
 fn write(
     args: &ExportArgs,
     scene: &InstancedScene,
     format: ExportFormat,
     plan: Option<&SmallPlan>,
     printer: &Printer,
-) -> Result<u64, CliError> {
+) -> Result<ExportedScene, CliError> {
     let to = args.to.as_path();
     let mut exported = ExportedScene { gaussians: scene.source_len() as u64, ..ExportedScene::default() };
     match (format, plan) {
@@ -199,16 +199,7 @@ fn write(
         }
     }
     exported.notes(to, scene, format).iter().for_each(|note| printer.warning(note));
-    Ok(exported.gaussians)
-}
-
-/// Bytes of a file, or of those of a folder.
-fn bytes_of(path: &Path) -> u64 {
-    let of_file = |path: &Path| std::fs::metadata(path).map_or(0, |file| file.len());
-    match std::fs::read_dir(path) {
-        Ok(files) => files.flatten().map(|file| of_file(&file.path())).sum(),
-        Err(_) => of_file(path),
-    }
+    Ok(exported)
 }
 
 pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
@@ -245,11 +236,15 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
         printer.warning("--data and --finish are for --pack small: other formats keep one precision everywhere");
     }
     let data = args.data.as_ref().filter(|_| is_small);
-    create_folder_of(to)?;
+    match format {
+        ExportFormat::SogFolder => create_folder(to)?,
+        _ => create_folder_of(to)?,
+    }
     let plan = data.map(|data| planned(args, &mut scene, data, device_args, printer)).transpose()?;
-    let gaussians = write(args, &scene, format, plan.as_ref(), printer)?;
+    let ExportedScene { gaussians, folder_bytes, .. } = write(args, &scene, format, plan.as_ref(), printer)?;
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };
-    let bytes = bytes_of(to);
+    let bytes =
+        if format == ExportFormat::SogFolder { folder_bytes } else { std::fs::metadata(to).map_or(0, |f| f.len()) };
     let report = Exported {
         scene: args.scene.display().to_string(),
         to: to.display().to_string(),

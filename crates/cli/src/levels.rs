@@ -155,7 +155,7 @@ fn table_of(templates: &[TemplateReport]) -> Table {
                 grouped(level.gaussians as u64),
                 format!("{:.3}", level.cell),
                 format!("{:.1}", level.merged_psnr_db),
-                format!("{:.1}", level.fitted_psnr_db),
+                format!("{:.1}{}", level.fitted_psnr_db, if level.is_kept { "" } else { ", left out" }),
             ]);
         }
     }

@@ -17,17 +17,56 @@ pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
 /// same folder, which is then renamed. On failure the old file is unchanged and the temporary file is removed. The first file
 /// that a process writes into a folder also removes the temporary files that killed processes left there.
 ///
+/// A link stays, and the file that it leads to is replaced. What is no file (a pipe, a terminal, another device) is written into
+/// as it comes: there is nothing to rename over.
+///
 /// # Errors
 /// The folder does not exist or refuses the file, `write` fails, or the disk is full.
 pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), IoError> {
     let fail = |error: &std::io::Error| IoError::os(path, "cannot write", error);
-    let mut file = locked_temporary(path, "")?;
-    {
-        let mut buffered = BufWriter::with_capacity(1 << 20, file.as_file_mut());
-        write(&mut buffered).and_then(|()| buffered.flush()).map_err(|e| fail(&e))?;
+    let buffered = |file: &mut File| {
+        let mut buffered = BufWriter::with_capacity(1 << 20, file);
+        write(&mut buffered).and_then(|()| buffered.flush())
+    };
+    match Target::of(path) {
+        Target::Stream => {
+            File::options().write(true).open(path).and_then(|mut stream| buffered(&mut stream)).map_err(|e| fail(&e))
+        }
+        Target::File(target) => {
+            let mut file = locked_temporary(&target, "")?;
+            buffered(file.as_file_mut()).map_err(|e| fail(&e))?;
+            file.persist(target).map_err(|e| fail(&e.error))?;
+            Ok(())
+        }
     }
-    file.persist(path).map_err(|e| fail(&e.error))?;
-    Ok(())
+}
+
+/// What a path that is written to stands for.
+enum Target {
+    /// A file to replace or to make: where links lead to.
+    File(PathBuf),
+    /// Something that takes bytes and has none of its own.
+    Stream,
+}
+
+impl Target {
+    fn of(path: &Path) -> Self {
+        let there = fs::metadata(path);
+        if !path.is_symlink() {
+            let is_stream = there.is_ok_and(|data| !data.is_file() && !data.is_dir());
+            return if is_stream { Self::Stream } else { Self::File(path.to_path_buf()) };
+        }
+        match (there, fs::canonicalize(path)) {
+            (Ok(data), Ok(target)) if data.is_file() || data.is_dir() => Self::File(target),
+            // Standard output is a link, too, to a pipe or to a file that may have no name any more.
+            (Ok(_), _) => Self::Stream,
+            // It leads nowhere yet.
+            (Err(_), _) => Self::File(
+                fs::read_link(path)
+                    .map_or_else(|_| path.to_path_buf(), |to| path.parent().unwrap_or(Path::new("")).join(to)),
+            ),
+        }
+    }
 }
 
 /// A new, empty temporary file beside `path`, which becomes that file by [`NamedTempFile::persist`] and is removed if it does
@@ -149,6 +188,46 @@ mod tests {
         assert!(failed.is_err_and(|e| e.to_string().contains("disk full")));
         assert_eq!(fs::read(&path)?, b"old");
         assert_eq!(fs::read_dir(folder.path())?.count(), 1);
+        Ok(())
+    }
+
+    /// Links to files that are there, and to one that is not.
+    #[test]
+    #[cfg(unix)]
+    fn links_stay_and_their_files_are_written() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        fs::create_dir(folder.path().join("big"))?;
+        let (link, target) = (folder.path().join("link"), folder.path().join("big/file"));
+        std::os::unix::fs::symlink("big/file", &link)?;
+        for content in [b"new", b"old"] {
+            atomic_write(&link, |out| out.write_all(content))?;
+            assert_eq!((link.is_symlink(), fs::read(&target)?), (true, content.to_vec()));
+        }
+        assert_eq!(fs::read_dir(folder.path())?.count() + fs::read_dir(folder.path().join("big"))?.count(), 3);
+        Ok(())
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_pipe_gets_the_bytes_and_stays_a_pipe() -> Result<(), Box<dyn std::error::Error>> {
+        use std::os::unix::fs::FileTypeExt;
+        let folder = tempfile::tempdir()?;
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status()?.success());
+        // Through a link as well, as those in /dev/fd are.
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&pipe, &link)?;
+        for path in [&pipe, &link] {
+            let read = std::thread::scope(|scope| {
+                let reader = scope.spawn(|| fs::read(&pipe));
+                let written = atomic_write(path, |out| out.write_all(b"bytes"));
+                (written, reader.join())
+            });
+            read.0?;
+            assert_eq!(read.1.map_err(|_| "the reader panicked")??, b"bytes");
+        }
+        assert!(fs::symlink_metadata(&pipe)?.file_type().is_fifo() && link.is_symlink());
+        assert_eq!(fs::read_dir(folder.path())?.count(), 2);
         Ok(())
     }
 

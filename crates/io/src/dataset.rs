@@ -121,8 +121,12 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
             notes.extend(colmap::larger_model(folder, &model, count).or(unused));
         }
         None => {
-            let error = IoError::new(folder, "has no cameras");
-            return Err(error
+            let what = match folder.metadata() {
+                Err(_) => "there is no such folder",
+                Ok(there) if there.is_dir() => "has no cameras",
+                Ok(_) => "is a file, and a dataset is a folder",
+            };
+            return Err(IoError::new(folder, what)
                 .advise("a dataset has transforms_train.json and transforms_test.json, transforms.json, or sparse/0"));
         }
     }

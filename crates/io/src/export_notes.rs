@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::page::too_large_note;
+use crate::spz::Clamped;
 use crate::{ExportFormat, ExportedScene, Pack, SpzLoss};
 use instgs_vk::scene::{InstancedScene, NearPlane, PixelFilter};
 
@@ -11,6 +12,17 @@ impl ExportedScene {
     pub fn notes(&self, to: &Path, scene: &InstancedScene, format: ExportFormat) -> Vec<String> {
         let (to, filter) = (to.display(), scene.pixel_filter);
         let mut notes: Vec<String> = spz_note(&self.spz_loss, self.gaussians).into_iter().collect();
+        notes.extend(
+            moved_note(&self.sog_moved, self.gaussians, ".sog")
+                .map(|note| format!("{note}; use .spz, .ply or .instgs")),
+        );
+        if format == ExportFormat::Glb && !(scene.offsets.log_scales.is_empty() && scene.offsets.quats.is_empty()) {
+            notes.push(
+                "its instances differ from their templates in shape too, so each has all its data in .glb, and is background when \
+                 that is read; .instgs keeps them as instances"
+                    .into(),
+            );
+        }
         if filter.antialias {
             notes.extend(antialias_note(format).map(String::from));
         }
@@ -82,6 +94,16 @@ fn antialias_note(format: ExportFormat) -> Option<&'static str> {
     }
 }
 
+/// How many of that many Gaussians the rounding of a format moved, and how far; `None` if it is none.
+fn moved_note(moved: &Clamped, gaussians: u64, format: &str) -> Option<String> {
+    (moved.gaussians > 0).then(|| {
+        format!(
+            "{} of {gaussians} Gaussians moved by more than their size, up to {:.2e} units, since {format} rounds positions",
+            moved.gaussians, moved.farthest
+        )
+    })
+}
+
 /// What an .spz file of that many Gaussians could not hold, in one line; `None` if it holds everything.
 fn spz_note(loss: &SpzLoss, gaussians: u64) -> Option<String> {
     let SpzLoss { positions, scales, colours, sh } = loss;
@@ -100,12 +122,7 @@ fn spz_note(loss: &SpzLoss, gaussians: u64) -> Option<String> {
     if !parts.is_empty() {
         parts = vec![format!("{}: they were clamped", parts.join(", "))];
     }
-    if positions.gaussians > 0 {
-        parts.push(format!(
-            "{} of {gaussians} Gaussians moved by more than their size, up to {:.2e} units, since .spz rounds positions",
-            positions.gaussians, positions.farthest
-        ));
-    }
+    parts.extend(moved_note(positions, gaussians, ".spz"));
     (!parts.is_empty()).then(|| format!("{}; use .ply or .instgs", parts.join(", and ")))
 }
 
@@ -113,7 +130,6 @@ fn spz_note(loss: &SpzLoss, gaussians: u64) -> Option<String> {
 mod tests {
     use super::*;
     use crate::Pack;
-    use crate::spz::Clamped;
 
     #[test]
     fn losses_of_spz_are_one_line() {
@@ -130,6 +146,28 @@ mod tests {
         {
             assert!(text.contains(part) && !text.contains('\n'), "{text}");
         }
+    }
+
+    #[test]
+    fn what_sog_moves_and_glb_flattens_is_named() {
+        let exported = ExportedScene {
+            gaussians: 400,
+            sog_moved: Clamped { gaussians: 143, farthest: 0.13 },
+            ..ExportedScene::default()
+        };
+        let scene = InstancedScene::default();
+        for format in [ExportFormat::Sog, ExportFormat::SogFolder] {
+            let notes = exported.notes(Path::new("x.sog"), &scene, format);
+            let want = "x.sog: 143 of 400 Gaussians moved by more than their size, up to 1.30e-1 units, since .sog rounds \
+                positions; use .spz, .ply or .instgs";
+            assert_eq!(notes, [want]);
+        }
+        let mut scene = instgs_samples::sample_scene();
+        let notes = |scene: &InstancedScene, format| ExportedScene::default().notes(Path::new("x"), scene, format);
+        let says = |notes: Vec<String>| notes.iter().any(|note| note.contains("in shape too"));
+        assert!(!says(notes(&scene, ExportFormat::Glb)));
+        scene.offsets.log_scales = vec![[0.1; 3]; scene.offsets.len()];
+        assert!(says(notes(&scene, ExportFormat::Glb)) && !says(notes(&scene, ExportFormat::Instgs(Pack::F32))));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The folder of a run: the one place that knows what its files are called.
 
-use std::path::{Path, PathBuf};
+use std::path::{Path, PathBuf, is_separator};
 
 use super::IoError;
 
@@ -171,12 +171,20 @@ pub fn create(folder: &Path) -> Result<(), IoError> {
 /// Makes the folder that a file is to lie in, and those above it: before the work whose result it will hold.
 ///
 /// # Errors
-/// The system refuses.
+/// The file is a folder, or the system refuses.
 pub fn create_for(file: &Path) -> Result<(), IoError> {
+    if file.is_dir() || ends_in_separator(file) {
+        return Err(IoError::new(file, "is a folder").advise("name a file in it"));
+    }
     match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => create(folder),
         _ => Ok(()),
     }
+}
+
+/// True of names of folders, as people write them.
+pub fn ends_in_separator(path: &Path) -> bool {
+    path.as_os_str().as_encoded_bytes().last().is_some_and(|&last| is_separator(char::from(last)))
 }
 
 fn first_there(paths: impl IntoIterator<Item = PathBuf>) -> Option<String> {
@@ -187,6 +195,17 @@ fn first_there(paths: impl IntoIterator<Item = PathBuf>) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_is_no_file_to_write() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let message = |file: &Path| create_for(file).err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(message(folder.path()).ends_with("is a folder; name a file in it"), "{}", message(folder.path()));
+        assert!(message(&folder.path().join("new/")).contains("is a folder"));
+        assert_eq!(message(&folder.path().join("new/scene.ply")), "");
+        assert!(folder.path().join("new").is_dir());
+        Ok(())
+    }
 
     #[test]
     fn what_a_run_left_is_noticed() -> Result<(), Box<dyn std::error::Error>> {

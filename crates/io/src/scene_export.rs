@@ -1,10 +1,12 @@
 //! Exports a scene in the format that the file extension names.
 
-use std::path::{Path, is_separator};
+use std::path::Path;
 
 use glam::DVec3;
 
 use crate::host_memory::available_bytes;
+use crate::run_folder::ends_in_separator;
+use crate::spz::Clamped;
 use crate::{IoError, Pack, PageOptions, SpzLoss, glb, ply, scene_write, sog, spz, usd, write_page};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::InstancedScene;
@@ -44,14 +46,16 @@ impl ExportFormat {
     pub fn of(path: &Path, pack: Option<Pack>) -> Result<Self, IoError> {
         let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         match ending.as_str() {
+            _ if ends_in_separator(path) && pack.is_none() => Ok(Self::SogFolder),
+            _ if ends_in_separator(path) => {
+                Err(IoError::new(path, "--pack is for .instgs and .html files, and this is a folder")
+                    .advise("leave it out, or name a file"))
+            }
             "instgs" => Ok(Self::Instgs(pack.unwrap_or(Pack::F32))),
             // A page is to be sent to people.
             "html" => Ok(Self::Page(pack.unwrap_or(Pack::Small))),
             _ if pack.is_some() => Err(IoError::new(path, "--pack is for .instgs and .html files")
                 .advise("leave it out, or export to .instgs or .html")),
-            _ if path.as_os_str().as_encoded_bytes().last().is_some_and(|&last| is_separator(char::from(last))) => {
-                Ok(Self::SogFolder)
-            }
             "ply" => Ok(Self::Ply),
             "spz" => Ok(Self::Spz),
             "sog" => Ok(Self::Sog),
@@ -91,8 +95,12 @@ impl ExportFormat {
 pub struct ExportedScene {
     /// Number of Gaussians in the file.
     pub gaussians: u64,
+    /// Length of all files that were written into a folder, bytes; 0 if it is one file.
+    pub folder_bytes: u64,
     /// What an `.spz` file could not hold.
     pub spz_loss: SpzLoss,
+    /// Gaussians that `.sog` files hold elsewhere, by more than their own size.
+    pub sog_moved: Clamped,
 }
 
 /// Writes a scene. `up` is the scene's direction that becomes +y of glTF and USD, and points up in a page.
@@ -111,7 +119,11 @@ pub fn export_scene(
         ExportFormat::Page(pack) => {
             write_page(to, scene, &PageOptions { pack, small: None, camera: None, up })?;
         }
-        ExportFormat::SogFolder => exported.gaussians = sog::write_sog_folder(to, scene)?,
+        ExportFormat::SogFolder => {
+            let written = sog::write_sog_folder(to, scene)?;
+            (exported.gaussians, exported.folder_bytes) = (written.gaussians, written.bytes);
+            exported.sog_moved = written.moved;
+        }
         ExportFormat::Glb => {
             check_memory(to, "its Gaussians take", glb::glb_data_bytes(scene))?;
             glb::write_glb(to, scene, up)?;
@@ -131,7 +143,9 @@ pub fn export_scene(
                 ExportFormat::Spz => {
                     exported.spz_loss = spz::write_spz(to, &cloud, scene.pixel_filter.antialias)?;
                 }
-                ExportFormat::Sog => sog::write_sog(to, &cloud, scene.pixel_filter.antialias)?,
+                ExportFormat::Sog => {
+                    exported.sog_moved = sog::write_sog(to, &cloud, scene.pixel_filter.antialias)?.moved;
+                }
                 ExportFormat::GlbOneMesh => glb::write_glb(to, &InstancedScene::from_cloud(cloud), up)?,
                 _ => ply::write_ply(to, &cloud, scene.pixel_filter)?,
             }
@@ -198,6 +212,16 @@ mod tests {
         assert_eq!(all, scene.source_len() as u64 - unused);
         assert!(notes.iter().any(|note| note.contains(left_out)), "{notes:?}");
         Ok(())
+    }
+
+    #[test]
+    fn a_name_that_ends_in_a_slash_is_that_of_a_folder() {
+        for name in ["parts/", "a.instgs/", "a.html/", "a.sog/"] {
+            assert_eq!(ExportFormat::of(Path::new(name), None).ok(), Some(ExportFormat::SogFolder), "{name}");
+            let packed = ExportFormat::of(Path::new(name), Some(Pack::F16)).map_err(|e| e.to_string());
+            assert!(packed.is_err_and(|text| text.contains("--pack") && text.contains("folder")), "{name}");
+        }
+        assert_eq!(ExportFormat::of(Path::new("a.instgs"), None).ok(), Some(ExportFormat::Instgs(Pack::F32)));
     }
 
     #[test]

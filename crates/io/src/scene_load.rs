@@ -6,7 +6,7 @@ use crate::glb::GlbScene;
 use crate::ply::PlyCloud;
 use crate::sog::SogCloud;
 use crate::spz::SpzCloud;
-use crate::{IoError, glb, ply, read_bytes, scene_file, scene_write, sog, splat, spz};
+use crate::{IoError, RunFolder, glb, ply, read_bytes, scene_file, scene_write, sog, splat, spz};
 use instgs_vk::scene::instanced_scene::InstancedScene;
 use instgs_vk::scene::{Gaussians, PixelFilter};
 
@@ -47,6 +47,17 @@ pub fn load_scene_to_draw(path: &Path) -> Result<LoadedScene, IoError> {
 /// Endings of the files that [`load_scene`] reads.
 const ENDINGS: [&str; 6] = ["instgs", "ply", "spz", "sog", "splat", "glb"];
 
+/// The error of a folder that is given as a scene: a run's, mostly, whose scene is a file in it.
+fn folder_as_scene(folder: &Path) -> IoError {
+    let run = RunFolder::new(folder);
+    let scene = [run.scene(), run.point_cloud()].into_iter().find(|file| file.is_file());
+    let advice = match scene {
+        Some(file) => format!("its scene is {}", file.display()),
+        None => "name the scene's file".to_owned(),
+    };
+    IoError::new(folder, "is a folder, and no .sog that is not packed").advise(advice)
+}
+
 /// Loads `.instgs`, `.ply`, `.spz`, `.sog` (or the folder of one that is not packed, or its `meta.json`), `.splat` or `.glb`.
 /// A template Gaussian is dropped, in all instances, if it or the offset record of any instance is not finite, so that
 /// offsets stay aligned with templates.
@@ -55,6 +66,9 @@ const ENDINGS: [&str; 6] = ["instgs", "ply", "spz", "sog", "splat", "glb"];
 /// The file cannot be read, or none of its Gaussians is finite. An empty scene is not an error.
 pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
     let extension = if sog::is_unpacked(path) { "sog".to_owned() } else { extension(path) };
+    if extension != "sog" && path.is_dir() {
+        return Err(folder_as_scene(path));
+    }
     if !ENDINGS.contains(&extension.as_str()) {
         let what = format!("unknown scene format \".{extension}\"");
         return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz, .sog, .splat or .glb"));

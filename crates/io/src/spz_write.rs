@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::atomic_write;
@@ -42,11 +43,16 @@ pub struct Clamped {
 
 impl Clamped {
     /// Counts a Gaussian whose values were changed by up to `change`, if that is more than 0.
-    fn count(&mut self, change: f64) {
+    pub(crate) fn count(&mut self, change: f64) {
         if change > 0.0 {
             self.gaussians += 1;
             self.farthest = self.farthest.max(change);
         }
+    }
+
+    /// Counts a Gaussian that was moved, if that is by more than its own size. `largest` is its largest log scale.
+    pub(crate) fn count_moved(&mut self, moved: f64, largest: f64) {
+        self.count(if moved > largest.exp() { moved } else { 0.0 });
     }
 }
 
@@ -78,8 +84,8 @@ impl SpzLoss {
             let log_scales = cloud.log_scales[i].map(f64::from);
             let largest = log_scales.iter().fold(f64::NEG_INFINITY, |m, &s| m.max(s));
             let moved = cloud.means[i].map(f64::from).map(|v| (v * unit).round() / unit - v);
-            let moved = moved.iter().map(|d| d * d).sum::<f64>().sqrt();
-            loss.positions.count(if moved > largest.exp() { moved } else { 0.0 });
+            let moved = DVec3::from(moved).length();
+            loss.positions.count_moved(moved, largest);
             loss.scales.count(scale_change(log_scales, largest));
             let [dc, rest @ ..] = cloud.sh_of(i) else { continue };
             loss.colours.count(beyond(dc, LARGEST_SH_0));

@@ -40,6 +40,8 @@ pub struct LevelReport {
     pub merged_psnr_db: f64,
     /// PSNR of the trained level, dB.
     pub fitted_psnr_db: f64,
+    /// Whether the trained level is closer, and thus part of the scene; if not, the one by merging is shown.
+    pub is_kept: bool,
 }
 
 /// Trains the levels of a template, from those by merging ([`merged_levels`](instgs_vk::scene::lod::merged_levels)). A level that training does not bring closer to the template is left out, so that the
@@ -72,14 +74,11 @@ pub fn fit_template(
         let truth = target.pictures(&judges)?;
         let of_merged = target.pictures_of(&merged.gaussians, &judges)?;
         let of_fitted = target.pictures_of(&gaussians, &judges)?;
-        let report = LevelReport {
-            cell: merged.cell,
-            gaussians: gaussians.len(),
-            merged_psnr_db: psnr_db(&truth, &of_merged)?,
-            fitted_psnr_db: psnr_db(&truth, &of_fitted)?,
-        };
-        on_level(report);
-        if report.fitted_psnr_db > report.merged_psnr_db {
+        let [merged_psnr_db, fitted_psnr_db] = [psnr_db(&truth, &of_merged)?, psnr_db(&truth, &of_fitted)?];
+        let is_kept = fitted_psnr_db > merged_psnr_db;
+        let (cell, count) = (merged.cell, gaussians.len());
+        on_level(LevelReport { cell, gaussians: count, merged_psnr_db, fitted_psnr_db, is_kept });
+        if is_kept {
             out.push(FittedLevel { gaussians, ..merged });
         }
     }

@@ -97,7 +97,7 @@ impl Renderer {
             if needed > most {
                 match range.halves(&bins) {
                     Some([front, back]) => left.extend([back, front]),
-                    None => return Err(self.too_many_at_one_depth(needed, most)),
+                    None => return Err(self.too_many_at_one_depth(needed, most, options)),
                 }
                 continue;
             }
@@ -113,8 +113,12 @@ impl Renderer {
     }
 
     /// The error of a range of a single depth whose chunks do not fit: memory that ran out, if that is why there is no room.
-    fn too_many_at_one_depth(&mut self, needed: u32, most: u32) -> RenderError {
+    fn too_many_at_one_depth(&mut self, needed: u32, most: u32, options: &RenderOptions) -> RenderError {
         self.beyond_chunks = None;
+        if options.max_chunks == Some(most) {
+            let reason = format!("{most} is too few: {needed} visible chunks lie at one depth, and are drawn together");
+            return RenderError::Option { option: "max_chunks", reason };
+        }
         match self.shortage.take() {
             Some(shortage) if most == self.most_chunks => {
                 self.most_chunks = u32::MAX;

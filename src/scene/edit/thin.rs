@@ -81,6 +81,10 @@ fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool
         drop_foreign(scene, "own.", &mut outcome);
     }
     outcome.changed = (0..scene.instances.len()).filter(|&k| scene.instances[k].template == template).collect();
+    if outcome.changed.is_empty() {
+        let removed = run.len() - kept;
+        outcome.warnings.push(format!("template {template} lost {removed} Gaussians, and no instance shows it"));
+    }
     Ok(outcome)
 }
 

@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use super::read::is_own;
-use super::write_sog;
+use super::{WrittenSog, write_sog};
 use crate::{IoError, Place, read_groups, write_groups};
 use instgs_vk::scene::{Gaussians, InstancedScene, PosedGroup, PosedInstance};
 
@@ -21,12 +21,12 @@ const ENDING: &str = ".sog";
 
 /// Writes the folder, which is made if it does not exist; files of these names in it are replaced. What an earlier scene
 /// left there is removed: files that its `scene_graph.json` names, and its background, if this program wrote them. Returns
-/// the number of Gaussians in the files.
+/// the sums of its `.sog` files, to whose bytes those of the scene graph are added.
 ///
 /// # Errors
 /// A template with instances that is empty, a value that is not finite, more than 65,535 instances, or a file that cannot be
 /// written.
-pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<u64, IoError> {
+pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<WrittenSog, IoError> {
     scene
         .validate()
         .map_err(|e| IoError::new(folder, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor)))?;
@@ -43,16 +43,23 @@ pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<u64, Io
     if !scene.background.is_empty() {
         clouds.push((BACKGROUND.to_owned(), Cow::Borrowed(&scene.background)));
     }
+    let mut all = WrittenSog::default();
     for (name, cloud) in &clouds {
-        write_sog(&folder.join(name), cloud, antialias)?;
+        let written = write_sog(&folder.join(name), cloud, antialias)?;
+        all.gaussians += written.gaussians;
+        all.bytes += written.bytes;
+        all.moved.gaussians += written.moved.gaussians;
+        all.moved.farthest = all.moved.farthest.max(written.moved.farthest);
     }
     // Found before the file that names them is replaced.
     let stale = stale_files(folder, &clouds.iter().map(|(name, _)| name.as_str()).collect());
-    write_groups(&folder.join(SCENE_GRAPH), &groups)?;
+    let graph = folder.join(SCENE_GRAPH);
+    write_groups(&graph, &groups)?;
+    all.bytes += std::fs::metadata(&graph).map_or(0, |file| file.len());
     for file in stale {
         std::fs::remove_file(&file).map_err(|e| IoError::os(&file, "cannot be removed", &e))?;
     }
-    Ok(clouds.iter().map(|(_, cloud)| cloud.len() as u64).sum())
+    Ok(all)
 }
 
 /// Name of the file of a group's template.
@@ -107,6 +114,9 @@ mod tests {
         let folder = folder.path().join("parts");
         let mut scene = with_own();
         let written = write_sog_folder(&folder, &scene)?;
+        let files = std::fs::read_dir(&folder).map_err(|e| IoError::os(&folder, "cannot read", &e))?;
+        let lengths = files.flatten().map(|file| file.metadata().map_or(0, |file| file.len()));
+        assert_eq!(written.bytes, lengths.sum::<u64>());
         let groups = read_groups(&folder.join(SCENE_GRAPH))?;
         let mut placed = vec![0; scene.template_ranges.len()];
         let mut gaussians = read_sog(&folder.join(BACKGROUND))?.gaussians.len();
@@ -121,7 +131,7 @@ mod tests {
             assert_eq!(places, of_template.map(|instance| instance.world_from_template).collect::<Vec<_>>());
             placed[template] = places.len();
         }
-        assert_eq!((placed.iter().sum::<usize>(), written), (scene.instances.len(), gaussians as u64));
+        assert_eq!((placed.iter().sum::<usize>(), written.gaussians), (scene.instances.len(), gaussians as u64));
         // Another scene in the same folder leaves nothing of this one, and takes nothing of other programs.
         let foreign = |name: &str| std::fs::write(folder.join(name), b"of another program");
         foreign("template_77.sog").map_err(|e| IoError::os(&folder, "cannot write", &e))?;

@@ -32,7 +32,7 @@ use instgs_vk::scene::Gaussians;
 
 pub use folder::write_sog_folder;
 pub use read::{is_unpacked, parse_sog, read_sog};
-pub use write::{sog_bytes, write_sog};
+pub use write::{WrittenSog, sog_bytes, write_sog};
 
 /// The contents of a `.sog` file or folder.
 #[derive(Clone, Debug, PartialEq)]

@@ -159,11 +159,8 @@ impl Reader<'_, '_> {
         let (low, high) = (self.image(low)?, self.image(high)?);
         let mean = |i: usize| {
             let (low, high) = (low.pixel(i), high.pixel(i));
-            std::array::from_fn(|k| {
-                let q = f64::from(u16::from_le_bytes([low[k], high[k]])) / 65535.0;
-                let n = means.mins[k] + (means.maxs[k] - means.mins[k]) * q;
-                (n.signum() * n.abs().exp_m1()) as f32
-            })
+            let codes = std::array::from_fn(|k| u16::from_le_bytes([low[k], high[k]]));
+            position_of(codes, &means.mins, &means.maxs).map(|v| v as f32)
         };
         Ok((0..self.meta.count as usize).map(mean).collect())
     }
@@ -237,4 +234,12 @@ impl Rest {
             reader.fail(format!("Gaussian {i} has entry {entry}, but there are {count}"), "shN.files")
         })
     }
+}
+
+/// The position that its three numbers stand for, between the ends of the logarithms' ranges.
+pub(super) fn position_of(codes: [u16; 3], mins: &[f64; 3], maxs: &[f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| {
+        let n = mins[k] + (maxs[k] - mins[k]) * (f64::from(codes[k]) / 65535.0);
+        n.signum() * n.abs().exp_m1()
+    })
 }

@@ -207,3 +207,31 @@ fn damage_is_an_error_or_another_cloud() -> Outcome {
     }
     Ok(())
 }
+
+/// Steps are even ones of logarithms: in a scene of kilometres they are larger than small Gaussians, and that is told.
+#[test]
+fn what_rounding_moves_by_more_than_its_size_is_counted() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let file = folder.path().join("city.sog");
+    let mut cloud = sample(0, 400);
+    let mut rng = Rng::new(9);
+    cloud.means.iter_mut().for_each(|mean| *mean = [0; 3].map(|_| rng.range(-1000.0, 1000.0) as f32));
+    for (log_scale, moves) in [(-3.0, true), (2.0, false)] {
+        cloud.log_scales.iter_mut().for_each(|scales| *scales = [log_scale, -4.0, -4.0]);
+        let written = write_sog(&file, &cloud, false)?;
+        assert_eq!((written.gaussians, written.bytes), (400, std::fs::metadata(&file)?.len()));
+        assert_eq!(written.moved.gaussians > 0, moves, "{:?}", written.moved);
+        let read = read_sog(&file)?.gaussians;
+        let order = morton_order(&cloud.means);
+        let moved = order.iter().zip(&read.means).map(|(&i, mean)| {
+            let was = cloud.means[i as usize];
+            (0..3).map(|k| f64::from(mean[k] - was[k]).powi(2)).sum::<f64>().sqrt()
+        });
+        let beyond: Vec<f64> = moved.filter(|moved| *moved > f64::from(log_scale).exp()).collect();
+        assert_eq!(beyond.len(), written.moved.gaussians);
+        let farthest = beyond.iter().fold(0.0, |most: f64, &v| most.max(v));
+        // Positions are read as f32.
+        assert!((farthest - written.moved.farthest).abs() < 1e-3, "{farthest} {:?}", written.moved);
+    }
+    Ok(())
+}

@@ -6,14 +6,17 @@
 
 use std::path::Path;
 
+use glam::{DVec3, Vec3};
+
 use super::archive;
 use super::codebook::Codebook;
 use super::image::{Image, MAX_SIDE};
 use super::meta::{Coded, META, Means, Meta, Palette, Plain};
 use super::palette::{Rows, palette};
-use super::read::{ENTRIES_PER_ROW, FIRST_TAG};
+use super::read::{ENTRIES_PER_ROW, FIRST_TAG, position_of};
 use crate::atomic_write;
 use crate::error::IoError;
+use crate::spz::Clamped;
 use instgs_vk::math::covariance::{normalised_quat, sigmoid};
 use instgs_vk::math::morton::morton_order;
 use instgs_vk::scene::Gaussians;
@@ -24,14 +27,63 @@ const SIDE_STEP: usize = 4;
 const LEAST_ENTRIES: usize = 1024;
 const MOST_DOUBLINGS: u32 = 6;
 
+/// What was written as `.sog`, into one file or several.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WrittenSog {
+    /// Number of Gaussians.
+    pub gaussians: u64,
+    /// Length of the files, bytes.
+    pub bytes: u64,
+    /// Gaussians that rounding moved by more than their own size, scene units.
+    pub moved: Clamped,
+}
+
 /// Writes a `.sog` file; `antialias` says whether opacities are compensated.
 ///
 /// # Errors
 /// The cloud is empty, has a value that is not finite or more Gaussians than an image has pixels, or the file cannot be
 /// written.
-pub fn write_sog(path: &Path, cloud: &Gaussians, antialias: bool) -> Result<(), IoError> {
+pub fn write_sog(path: &Path, cloud: &Gaussians, antialias: bool) -> Result<WrittenSog, IoError> {
     let bytes = sog_bytes(cloud, antialias, path)?;
-    atomic_write(path, |out| out.write_all(&bytes))
+    atomic_write(path, |out| out.write_all(&bytes))?;
+    Ok(WrittenSog { gaussians: cloud.len() as u64, bytes: bytes.len() as u64, moved: moved(cloud) })
+}
+
+/// The Gaussians of a finite cloud that a file holds elsewhere, by more than their own size.
+fn moved(cloud: &Gaussians) -> Clamped {
+    let steps = PositionSteps::of(&cloud.means);
+    let mut out = Clamped::default();
+    for (mean, log_scales) in cloud.means.iter().zip(&cloud.log_scales) {
+        let held = position_of(steps.codes(*mean), &steps.mins, &steps.maxs);
+        let moved = (DVec3::from(held) - Vec3::from(*mean).as_dvec3()).length();
+        out.count_moved(moved, log_scales.iter().fold(f64::NEG_INFINITY, |m, &s| m.max(s.into())));
+    }
+    out
+}
+
+/// The steps that positions are rounded to: even ones of their logarithms, by axis.
+struct PositionSteps {
+    mins: [f64; 3],
+    maxs: [f64; 3],
+}
+
+impl PositionSteps {
+    fn of(means: &[[f32; 3]]) -> Self {
+        let (mut mins, mut maxs) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for mean in means {
+            for (k, &v) in mean.iter().enumerate() {
+                (mins[k], maxs[k]) = (mins[k].min(log_of(v)), maxs[k].max(log_of(v)));
+            }
+        }
+        Self { mins, maxs }
+    }
+
+    fn codes(&self, mean: [f32; 3]) -> [u16; 3] {
+        std::array::from_fn(|k| {
+            let along = (log_of(mean[k]) - self.mins[k]) / (self.maxs[k] - self.mins[k]).max(f64::MIN_POSITIVE);
+            (along * 65535.0).round().clamp(0.0, 65535.0) as u16
+        })
+    }
 }
 
 /// The bytes that [`write_sog`] writes.
@@ -113,26 +165,15 @@ impl<'a> Writer<'a> {
 
     /// Ranges of positions, and their images of low and high bytes.
     fn means(&self) -> (Means, Image, Image) {
-        let (mut mins, mut maxs) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for mean in &self.cloud.means {
-            for (k, &v) in mean.iter().enumerate() {
-                (mins[k], maxs[k]) = (mins[k].min(log_of(v)), maxs[k].max(log_of(v)));
-            }
-        }
-        let fixed = |i: usize| -> [[u8; 2]; 3] {
-            std::array::from_fn(|k| {
-                let along = (log_of(self.cloud.means[i][k]) - mins[k]) / (maxs[k] - mins[k]).max(f64::MIN_POSITIVE);
-                ((along * 65535.0).round().clamp(0.0, 65535.0) as u16).to_le_bytes()
-            })
-        };
+        let steps = PositionSteps::of(&self.cloud.means);
         let byte = |which: usize| {
             self.image(false, |i| {
-                let [x, y, z] = fixed(i);
+                let [x, y, z] = steps.codes(self.cloud.means[i]).map(u16::to_le_bytes);
                 [x[which], y[which], z[which], 255]
             })
         };
         let files = ["means_l.webp", "means_u.webp"].map(str::to_owned);
-        (Means { mins, maxs, files }, byte(0), byte(1))
+        (Means { mins: steps.mins, maxs: steps.maxs, files }, byte(0), byte(1))
     }
 
     fn scales(&self) -> (Coded, Image) {

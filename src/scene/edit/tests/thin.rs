@@ -44,6 +44,15 @@ fn a_box_crops_a_template_with_the_offsets_of_its_instances() {
 }
 
 #[test]
+fn what_no_instance_shows_is_cropped_with_a_warning() {
+    let mut after = scene();
+    run(&mut after, Edit::Delete { which: which("1") });
+    let outcome = run(&mut after, crop(2.0, 3.0, Keep::Inside));
+    assert_eq!(outcome.warnings, ["template 1 lost 2 Gaussians, and no instance shows it"]);
+    assert!(outcome.changed.is_empty() && after.templates.len() == 3);
+}
+
+#[test]
 fn balls_erase_from_all_instances_at_once() {
     let before = scene();
     for (edit, kept) in
