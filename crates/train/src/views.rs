@@ -118,8 +118,12 @@ impl TrainViews {
                         out.bytes += loaded.image.bytes();
                         out.resident.push(view);
                     }
-                    // The state came first, and has grown: this one and those behind it are streamed.
-                    Err(error) if error.missing_bytes().is_some() => full = true,
+                    // The state came first, and has grown. Steps want room, too, so that half of what fits gives way at once.
+                    Err(error) if error.missing_bytes().is_some() => {
+                        full = true;
+                        out.resident.truncate(out.resident.len() / 2);
+                        out.bytes = out.resident.iter().map(|view| view.targets.bytes()).sum();
+                    }
                     Err(error) => return Err(error),
                 }
             }
