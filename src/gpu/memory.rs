@@ -33,9 +33,8 @@ impl MemoryUse {
         }
     }
 
-    /// Whether it may be device memory, which the budget is for.
     fn counts(self) -> bool {
-        !matches!(self, Self::DeviceOnHost | Self::Readback)
+        self != Self::DeviceOnHost
     }
 }
 

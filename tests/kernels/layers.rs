@@ -135,7 +135,7 @@ fn more_chunks_than_fit_are_drawn_in_ranges() {
                 assert!(renderer.download().unwrap() == want, "seed {}, {precision:?}", case.seed);
             }
             Err(error) => {
-                assert!(error.to_string().contains("visible chunks lie at one depth"), "{error}");
+                assert!(error.to_string().contains("visible chunks reach through one depth"), "{error}");
                 too_many += 1;
             }
         }
@@ -185,7 +185,7 @@ fn ranges_are_as_small_as_it_takes() {
     let scene = renderer.upload(&balls).unwrap();
     let none = RenderOptions { max_chunks: Some(1), ..whole };
     let error = renderer.render(&scene, &camera, &none).unwrap_err().to_string();
-    assert!(error.contains("max_chunks") && error.contains("visible chunks lie at one depth"), "{error}");
+    assert!(error.contains("max_chunks") && error.contains("visible chunks reach through one depth"), "{error}");
     // Passes besides the blend want whole lists.
     let few = RenderOptions { max_chunks: Some(5), ..whole };
     renderer.forget_picture();

@@ -295,6 +295,24 @@ fn bad_input_is_named() {
     assert!(text.contains("nothing is shared") && text.contains("same ids"), "{text}");
     assert!(load_scene(&at.join("x2/scene.instgs")).unwrap().scene.instances.is_empty());
 
+    // A photo that only the joint phase needs: the objects that were found are kept, with what they were found by.
+    let photo = at.join("data/images/view_001.png");
+    let whole = fs::read(&photo).unwrap();
+    fs::write(&photo, &whole[..whole.len() / 2]).unwrap();
+    let text = error_of(&mut train(&at, "x5", &start));
+    assert!(text.contains("view_001"), "{text}");
+    let [config, prepared] = ["x5/config.toml", "x5/prepared.json"].map(|file| fs::read(at.join(file)).unwrap());
+    fs::write(&photo, whole).unwrap();
+    program()
+        .args(["train", "--resume", "--data"])
+        .arg(at.join("data"))
+        .arg("--out")
+        .arg(at.join("x5"))
+        .assert()
+        .success();
+    assert!(fs::read(at.join("x5/config.toml")).unwrap() == config);
+    assert!(fs::read(at.join("x5/prepared.json")).unwrap() == prepared && at.join("x5/scene.instgs").is_file());
+
     fs::rename(at.join("data/masks"), at.join("masks")).unwrap();
     let text = error_of(&mut train(&at, "x3", &start));
     assert!(text.contains("has no masks") && text.contains("--masks"), "{text}");

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::export_page;
-use instgs_console::args::{Triple, create_folder, create_folder_of, open_scene, parse_near, parse_up};
+use instgs_console::args::{Triple, open_scene, parse_near, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
@@ -236,10 +236,7 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
         printer.warning("--data and --finish are for --pack small: other formats keep one precision everywhere");
     }
     let data = args.data.as_ref().filter(|_| is_small);
-    match format {
-        ExportFormat::SogFolder => create_folder(to)?,
-        _ => create_folder_of(to)?,
-    }
+    format.create_folder(to)?;
     let plan = data.map(|data| planned(args, &mut scene, data, device_args, printer)).transpose()?;
     let ExportedScene { gaussians, folder_bytes, .. } = write(args, &scene, format, plan.as_ref(), printer)?;
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };

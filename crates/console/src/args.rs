@@ -191,7 +191,7 @@ pub struct LookArgs {
     #[arg(long, value_name = "PX2", value_parser = parse_dilation)]
     dilation: Option<f32>,
     /// Limit on the buffers of visible chunks; frames that need more are drawn in depth ranges, with the same result.
-    /// Those that begin at one depth have to fit
+    /// All chunks that reach through one depth must fit
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     max_chunks: Option<u32>,
     /// Limit on the buffer of intersections; frames that need more are drawn in depth slabs, with the same result

@@ -24,13 +24,14 @@ pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
 /// The folder does not exist or refuses the file, `write` fails, or the disk is full.
 pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), IoError> {
     let fail = |error: &std::io::Error| IoError::os(path, "cannot write", error);
-    let buffered = |file: &mut File| {
-        let mut buffered = BufWriter::with_capacity(1 << 20, file);
+    let buffered = |out: &mut dyn Write| {
+        let mut buffered = BufWriter::with_capacity(1 << 20, out);
         write(&mut buffered).and_then(|()| buffered.flush())
     };
-    match Target::of(path) {
+    match Target::of(path).map_err(|e| fail(&e))? {
+        Target::Stdout => buffered(&mut std::io::stdout()).map_err(|e| fail(&e)),
         Target::Stream => {
-            File::options().write(true).open(path).and_then(|mut stream| buffered(&mut stream)).map_err(|e| fail(&e))
+            File::options().append(true).open(path).and_then(|mut stream| buffered(&mut stream)).map_err(|e| fail(&e))
         }
         Target::File(target) => {
             let mut file = locked_temporary(&target, "")?;
@@ -42,30 +43,36 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
 }
 
 /// What a path that is written to stands for.
+#[derive(Debug, PartialEq)]
 enum Target {
     /// A file to replace or to make: where links lead to.
     File(PathBuf),
-    /// Something that takes bytes and has none of its own.
+    /// Something that takes bytes and has none of its own, or a file that is open already and may be written to by others.
     Stream,
+    /// The process's own standard output.
+    Stdout,
 }
 
+/// Links that are followed from one path, as many as Linux follows.
+const MOST_LINKS: usize = 40;
+
 impl Target {
-    fn of(path: &Path) -> Self {
-        let there = fs::metadata(path);
-        if !path.is_symlink() {
-            let is_stream = there.is_ok_and(|data| !data.is_file() && !data.is_dir());
-            return if is_stream { Self::Stream } else { Self::File(path.to_path_buf()) };
+    /// # Errors
+    /// More links than are followed, as in a circle.
+    fn of(path: &Path) -> std::io::Result<Self> {
+        let mut at = path.to_path_buf();
+        for _ in 0..MOST_LINKS {
+            // Open files, by their numbers: a link to standard output is one, too.
+            if let Some(number) = ["/proc/self/fd", "/dev/fd"].iter().find_map(|folder| at.strip_prefix(folder).ok()) {
+                return Ok(if number == Path::new("1") { Self::Stdout } else { Self::Stream });
+            }
+            let Ok(to) = fs::read_link(&at) else {
+                let is_stream = fs::metadata(&at).is_ok_and(|there| !there.is_file() && !there.is_dir());
+                return Ok(if is_stream { Self::Stream } else { Self::File(at) });
+            };
+            at = at.parent().unwrap_or(Path::new("")).join(to);
         }
-        match (there, fs::canonicalize(path)) {
-            (Ok(data), Ok(target)) if data.is_file() || data.is_dir() => Self::File(target),
-            // Standard output is a link, too, to a pipe or to a file that may have no name any more.
-            (Ok(_), _) => Self::Stream,
-            // It leads nowhere yet.
-            (Err(_), _) => Self::File(
-                fs::read_link(path)
-                    .map_or_else(|_| path.to_path_buf(), |to| path.parent().unwrap_or(Path::new("")).join(to)),
-            ),
-        }
+        Err(std::io::Error::other("too many links lead from one to the next"))
     }
 }
 
@@ -204,6 +211,31 @@ mod tests {
             assert_eq!((link.is_symlink(), fs::read(&target)?), (true, content.to_vec()));
         }
         assert_eq!(fs::read_dir(folder.path())?.count() + fs::read_dir(folder.path().join("big"))?.count(), 3);
+        // Over two links, of which the second leads nowhere yet, and round in a circle.
+        let at = |name: &str| folder.path().join(name);
+        for (from, to) in [("one", "two"), ("two", "three"), ("round", "and"), ("and", "round")] {
+            std::os::unix::fs::symlink(to, at(from))?;
+        }
+        atomic_write(&at("one"), |out| out.write_all(b"through"))?;
+        assert_eq!(
+            (at("one").is_symlink(), at("two").is_symlink(), fs::read(at("three"))?),
+            (true, true, b"through".into())
+        );
+        let refused = atomic_write(&at("round"), |out| out.write_all(b"x")).map_err(|e| e.to_string());
+        assert!(refused.is_err_and(|text| text.contains("too many links")) && at("round").is_symlink());
+        Ok(())
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn standard_output_is_no_file_to_replace() -> Result<(), Box<dyn std::error::Error>> {
+        for name in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"] {
+            assert_eq!(Target::of(Path::new(name))?, Target::Stdout, "{name}");
+        }
+        for name in ["/dev/stderr", "/dev/fd/2", "/dev/null"] {
+            assert_eq!(Target::of(Path::new(name))?, Target::Stream, "{name}");
+        }
+        assert_eq!(Target::of(Path::new("a/b"))?, Target::File("a/b".into()));
         Ok(())
     }
 

@@ -18,8 +18,8 @@ impl ExportedScene {
         );
         if format == ExportFormat::Glb && !(scene.offsets.log_scales.is_empty() && scene.offsets.quats.is_empty()) {
             notes.push(
-                "its instances differ from their templates in shape too, so each has all its data in .glb, and is background when \
-                 that is read; .instgs keeps them as instances"
+                "its instances differ from their templates in shape too, so readers, this program as well, take them for meshes \
+                 that have nothing to do with each other: they come back as background; .instgs keeps them as instances"
                     .into(),
             );
         }

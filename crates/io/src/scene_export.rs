@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::host_memory::available_bytes;
-use crate::run_folder::ends_in_separator;
+use crate::run_folder::{self, ends_in_separator};
 use crate::spz::Clamped;
 use crate::{IoError, Pack, PageOptions, SpzLoss, glb, ply, scene_write, sog, spz, usd, write_page};
 use instgs_vk::scene::gaussians::sh_coefficients;
@@ -66,6 +66,14 @@ impl ExportFormat {
                 "export to .ply, .spz, .sog, .glb, .usda, .usdc, .instgs or .html, or to a folder, with a / at its end",
             )),
         }
+    }
+
+    /// Makes the folder that the export will lie in, or that it is, before the work.
+    ///
+    /// # Errors
+    /// A file is wanted and the path is a folder's; the system refuses.
+    pub fn create_folder(self, to: &Path) -> Result<(), IoError> {
+        if self == Self::SogFolder { run_folder::create(to) } else { run_folder::create_for(to) }
     }
 
     /// The format with everything in one mesh, for a file name.

@@ -80,11 +80,7 @@ pub(crate) fn save(
 ) -> PyResult<()> {
     let format = ExportFormat::of(to, how.pack).or_raise()?;
     unused(&how, format, device.is_some()).into_iter().try_for_each(|text| warn(py, text))?;
-    match format {
-        ExportFormat::SogFolder => instgs_io::run_folder::create(to),
-        _ => instgs_io::run_folder::create_for(to),
-    }
-    .or_raise()?;
+    format.create_folder(to).or_raise()?;
     if let Some(data) = &how.data {
         if !matches!(format, ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small)) {
             return Err(raised("data is for pack=\"small\": other formats keep one precision everywhere"));

@@ -174,7 +174,7 @@ pub fn train(
     let memory_explained = memory_uses(&run.state, &run.runner, &run.views);
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
-    let mut scene = run.state.download(gpu)?;
+    let mut scene = run.with_room(done, |run| Ok(run.state.download(gpu)?))?;
     files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
     (scene.pixel_filter, scene.near_plane) = (job.config.pixel_filter(), job.config.near_plane());
     scene.source = format!("instgs-vk train, {done} steps");
@@ -411,17 +411,21 @@ impl<'a> Run<'a> {
         if self.test.is_empty() {
             return Ok(());
         }
-        match self.evaluate_with_room(done) {
+        match self.with_room(done, |run| run.evaluate()) {
             Ok(report) => Ok(sink.event(&evaluated(done, &report))?),
             Err(error) => Err(self.given_up(done, error, sink)),
         }
     }
 
-    /// Evaluates the test views after `done` steps. Where memory is short the buffers of steps make room, then photos.
-    fn evaluate_with_room(&mut self, done: u64) -> Result<EvalReport, TrainError> {
+    /// Does work between steps, after `done` of them. Where memory is short the buffers of steps make room, then photos.
+    fn with_room<T>(
+        &mut self,
+        done: u64,
+        mut work: impl FnMut(&mut Self) -> Result<T, TrainError>,
+    ) -> Result<T, TrainError> {
         let mut released = false;
         loop {
-            match self.evaluate() {
+            match work(self) {
                 Err(error) if error.missing_bytes().is_some() => {
                     if !std::mem::replace(&mut released, true) {
                         self.runner.release();
@@ -429,7 +433,7 @@ impl<'a> Run<'a> {
                         return Err(error);
                     }
                 }
-                report => return report,
+                result => return result,
             }
         }
     }
@@ -437,7 +441,8 @@ impl<'a> Run<'a> {
     /// Writes a checkpoint after `done` finished steps.
     fn save_checkpoint(&mut self, done: u64, saving: Saving) -> Result<PathBuf, TrainError> {
         let folder = self.job.folder().checkpoints();
-        let mut state = to_checkpoint(self.gpu, &mut self.state, done, saving == Saving::DensificationDue)?;
+        let is_due = saving == Saving::DensificationDue;
+        let mut state = self.with_room(done, |run| to_checkpoint(run.gpu, &mut run.state, done, is_due))?;
         same_data::put(&self.print, &mut state.metadata);
         // Room that a failed step asked for may be more than the device has.
         let (intersections, largest_px) = (self.runner.frame().intersections(), self.views.largest_px());

@@ -84,7 +84,7 @@ impl TrainViews {
     /// hours. `on_loaded` is called after each.
     ///
     /// # Errors
-    /// The first picture, in order, that cannot be read; the device's memory is full; the first error of `on_loaded`.
+    /// The first picture, in order, that cannot be read; the first error of `on_loaded`; the device fails.
     pub fn load(
         gpu: &Arc<Gpu>,
         plan: &ViewsPlan<'_>,
@@ -123,6 +123,7 @@ impl TrainViews {
                         full = true;
                         out.resident.truncate(out.resident.len() / 2);
                         out.bytes = out.resident.iter().map(|view| view.targets.bytes()).sum();
+                        out.given_way = Some(out.resident.len());
                     }
                     Err(error) => return Err(error),
                 }

@@ -116,7 +116,8 @@ impl Renderer {
     fn too_many_at_one_depth(&mut self, needed: u32, most: u32, options: &RenderOptions) -> RenderError {
         self.beyond_chunks = None;
         if options.max_chunks == Some(most) {
-            let reason = format!("{most} is too few: {needed} visible chunks lie at one depth, and are drawn together");
+            let reason =
+                format!("{most} is too few: {needed} visible chunks reach through one depth, and are drawn together");
             return RenderError::Option { option: "max_chunks", reason };
         }
         match self.shortage.take() {

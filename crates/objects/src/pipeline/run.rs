@@ -9,7 +9,7 @@ use super::check_masks;
 use super::config::{ConfigBuilder, RunConfig};
 use super::error::PipelineError;
 use super::job::PipelineJob;
-use super::label_gaussians::is_segmented;
+use super::label_gaussians::{is_segmented, print_of};
 use super::made_masks::check_same_origin;
 use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
@@ -311,20 +311,19 @@ impl Pipeline<'_> {
 struct Before {
     /// Its configuration, if it had one.
     config: Option<Vec<u8>>,
-    /// Checkpoints of both phases, and when they were written.
-    checkpoints: Vec<(PathBuf, SystemTime)>,
+    results: Results,
 }
 
 impl Before {
     fn of(job: &PipelineJob) -> Result<Self, IoError> {
         let config = Some(job.folder().config()).filter(|file| file.is_file());
-        Ok(Self { config: config.map(|file| read_bytes(&file)).transpose()?, checkpoints: checkpoints_of(job) })
+        Ok(Self { config: config.map(|file| read_bytes(&file)).transpose()?, results: Results::of(job) })
     }
 
-    /// After an error: gives the folder the configuration back that it had, unless steps were trained with the new one. What was
+    /// After an error: gives the folder the configuration back that it had, unless there are results of the new one. What was
     /// refused is then as if it had not been asked for. If that fails as well, the first error is the one to report.
     fn restore(self, job: &PipelineJob) {
-        if checkpoints_of(job) != self.checkpoints {
+        if Results::of(job) != self.results {
             return;
         }
         let file = job.folder().config();
@@ -339,14 +338,35 @@ impl Before {
     }
 }
 
-/// The checkpoints of both phases, and when they were written.
-fn checkpoints_of(job: &PipelineJob) -> Vec<(PathBuf, SystemTime)> {
-    let folders = [job.folder(), job.cloud_phase().folder()].map(|run| run.checkpoints());
-    let files = folders.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
-    let mut out: Vec<_> =
-        files.filter_map(|file| Some((file.path(), file.metadata().and_then(|data| data.modified()).ok()?))).collect();
-    out.sort_unstable();
-    out
+/// What phases and stages have left in a run folder.
+#[derive(PartialEq)]
+struct Results {
+    /// Checkpoints of both phases and masks that were made, and when they were written.
+    written: Vec<(PathBuf, SystemTime)>,
+    /// Prints of the stages' files, of those that are there: a file that is written again as it was is no new result.
+    prints: Vec<Option<String>>,
+}
+
+impl Results {
+    fn of(job: &PipelineJob) -> Self {
+        let (run, cloud) = (job.folder(), job.cloud_phase().folder());
+        let folders = [run.checkpoints(), cloud.checkpoints(), run.masks()];
+        let files = folders.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
+        let time_of =
+            |file: std::fs::DirEntry| Some((file.path(), file.metadata().and_then(|data| data.modified()).ok()?));
+        let mut written: Vec<_> = files.filter_map(time_of).collect();
+        written.sort_unstable();
+        let stages = [
+            run.point_cloud(),
+            run.consensus(),
+            run.labels(),
+            run.groups(),
+            run.registration(),
+            run.initial_scene(),
+            run.prepared(),
+        ];
+        Self { written, prints: stages.iter().map(|file| print_of(file).ok()).collect() }
+    }
 }
 
 /// True if the joint phase of a run with templates and instances has begun: it has a checkpoint.
