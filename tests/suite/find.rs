@@ -217,4 +217,11 @@ fn the_command_writes_boxes_and_counts() {
     let written = read_boxes(Path::new(&path("all.json"))).unwrap();
     assert_eq!(written.objects.iter().map(|o| o.id).collect::<Vec<_>>(), [1, 2, 3]);
     assert!(written.objects.iter().all(|o| o.category.as_deref() == Some("car")));
+    // The file that the other box is in is not written over.
+    let before = std::fs::read(path("one.json")).unwrap();
+    let mut over = program();
+    over.current_dir(folder.path()).args(["find", "--scene", "scene.ply", "--boxes", "one.json", "--object", "2"]);
+    let text = error_of(over.args(["--out", "./one.json"]));
+    assert!(text.contains("would be lost; write to another file"), "{text}");
+    assert!(std::fs::read(path("one.json")).unwrap() == before);
 }

@@ -91,6 +91,7 @@ pub(super) fn run(args: &FindArgs, printer: &Printer) -> Result<(), CliError> {
     let begin = std::time::Instant::now();
     let boxes = read_boxes(&args.boxes)?;
     let selected = args.selected(&boxes)?;
+    check_others_stay(args, &boxes)?;
     let groups = args.against.as_deref().map(read_groups).transpose()?;
     let cameras = args.cameras(printer)?;
     let cloud = open_scene(&args.scene, printer)?.scene.flatten();
@@ -184,6 +185,17 @@ impl FindArgs {
             seconds,
         }
     }
+}
+
+/// Refuses to write over the file of boxes if it has others: only the selected one and its repetitions are written.
+fn check_others_stay(args: &FindArgs, boxes: &Boxes) -> Result<(), CliError> {
+    let is_same = || Some(std::fs::canonicalize(&args.out).ok()? == std::fs::canonicalize(&args.boxes).ok()?);
+    let others = boxes.objects.len().saturating_sub(1) + boxes.views.len();
+    if others == 0 || is_same() != Some(true) {
+        return Ok(());
+    }
+    let what = format!("has boxes besides the selected one ({others} objects and photos), which would be lost");
+    Err(IoError::new(&args.out, what).advise("write to another file").into())
 }
 
 /// The selected box and the boxes of the repetitions.

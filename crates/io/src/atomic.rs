@@ -53,6 +53,8 @@ enum Target {
     Stdout,
 }
 
+/// Folders of the files that this process has open.
+const OWN_OPEN_FILES: [&str; 3] = ["/dev/fd", "/proc/self/fd", "/proc/thread-self/fd"];
 /// Links that are followed from one path, as many as Linux follows.
 const MOST_LINKS: usize = 40;
 
@@ -63,8 +65,11 @@ impl Target {
         let mut at = path.to_path_buf();
         for _ in 0..MOST_LINKS {
             // Open files, by their numbers: a link to standard output is one, too.
-            if let Some(number) = ["/proc/self/fd", "/dev/fd"].iter().find_map(|folder| at.strip_prefix(folder).ok()) {
-                return Ok(if number == Path::new("1") { Self::Stdout } else { Self::Stream });
+            let folder = at.parent().unwrap_or(Path::new(""));
+            if folder == Path::new("/dev/fd") || (folder.starts_with("/proc") && folder.ends_with("fd")) {
+                let is_own = OWN_OPEN_FILES.iter().any(|own| folder == Path::new(own));
+                let is_stdout = is_own && at.file_name() == Some("1".as_ref());
+                return Ok(if is_stdout { Self::Stdout } else { Self::Stream });
             }
             let Ok(to) = fs::read_link(&at) else {
                 let is_stream = fs::metadata(&at).is_ok_and(|there| !there.is_file() && !there.is_dir());
@@ -232,10 +237,12 @@ mod tests {
         for name in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"] {
             assert_eq!(Target::of(Path::new(name))?, Target::Stdout, "{name}");
         }
-        for name in ["/dev/stderr", "/dev/fd/2", "/dev/null"] {
+        for name in ["/dev/stderr", "/dev/fd/2", "/dev/null", "/proc/1/fd/1"] {
             assert_eq!(Target::of(Path::new(name))?, Target::Stream, "{name}");
         }
-        assert_eq!(Target::of(Path::new("a/b"))?, Target::File("a/b".into()));
+        for name in ["a/b", "/dev/fd/3/scene.ply"] {
+            assert_eq!(Target::of(Path::new(name))?, Target::File(name.into()));
+        }
         Ok(())
     }
 

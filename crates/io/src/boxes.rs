@@ -133,16 +133,22 @@ pub fn with_view_names(mut boxes: Boxes, views: &[View]) -> Boxes {
     }
     for view in views {
         let name = &view.camera.name;
-        if boxes.views.contains_key(name) {
-            continue;
-        }
         let is_of_this = |other: &String| of_other_name.get(other) == Some(&1) && !taken.contains(other.as_str());
-        let list = other_names(view).into_iter().filter(is_of_this).find_map(|other| boxes.views.remove(&other));
-        if let Some(list) = list {
+        // The file's name alone comes after the view's own.
+        let is_exact =
+            |other: &String| !boxes.views.contains_key(name) || Some(other.as_str()) != file_name(view).as_deref();
+        let keys = other_names(view).into_iter().filter(|other| is_of_this(other) && is_exact(other));
+        let key = keys.into_iter().find(|other| boxes.views.contains_key(other));
+        if let Some(list) = key.and_then(|key| boxes.views.remove(&key)) {
             boxes.views.insert(name.clone(), list);
         }
     }
     boxes
+}
+
+/// The name of a view's photo, with its ending.
+fn file_name(view: &View) -> Option<String> {
+    view.image_path.file_name().map(|name| name.to_string_lossy().into_owned())
 }
 
 /// What else a view may be called, the most exact first: the ends of its photo's path with a folder, the longest first, with `_`
@@ -285,6 +291,8 @@ mod tests {
         assert_eq!(named(&["back/006.png", "left_006.png"], &whole), ["back_006", "left_006"]);
         // Of two keys for one view the more exact one counts.
         assert_eq!(named(&["006.png", "back_006"], &block), ["006", "006.png"]);
+        // A photo outside of folders has the name that the block gives another.
+        assert_eq!(named(&["006", "back_006"], &block[..1]), ["006"]);
         // Two views with one end of the path: neither.
         let twins = [view("a_back_006", "a/back/006.png"), view("b_back_006", "b/back/006.png")];
         assert_eq!(named(&["back_006"], &twins), ["back_006"]);

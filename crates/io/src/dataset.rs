@@ -89,6 +89,7 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     let mut views = Vec::new();
     let mut notes = Vec::new();
     let mut split_given = false;
+    let mut unused: Option<PathBuf> = None;
     let mut add = |images: Vec<PosedImage>, root: &Path, given: Option<Split>| {
         let noted = images.iter().filter_map(|image| image.note.clone()).collect::<Vec<_>>();
         if let [first, rest @ ..] = &noted[..] {
@@ -99,7 +100,14 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
             let relative = without_dots(&file_in(root, &file));
             camera.name = colmap::stem(&relative.to_string_lossy());
             let mask_path = mask.map(|m| root.join(without_dots(&file_in(root, &m))));
-            let mask_path = mask_path.filter(|m| !is_instance_mask(folder, m));
+            let mask_path = mask_path.filter(|mask| match ids_of_objects(folder, mask) {
+                None => true,
+                Some(Ids::Here) => false,
+                Some(Ids::InMasks) => {
+                    unused.get_or_insert_with(|| mask.clone());
+                    false
+                }
+            });
             let split = given.or(split);
             split_given |= split.is_some();
             let split = split.unwrap_or(Split::Train);
@@ -145,6 +153,13 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     notes.extend(fisheye_note(views.iter().map(|(view, _)| view)));
     unique_names(&mut views);
     let mut views: Vec<View> = views.into_iter().map(|(view, _)| view).collect();
+    notes.extend(unused.map(|mask| {
+        format!(
+            "{}: no mask_path is used, since masks/categories.json says that masks hold ids of objects: all pixels are used; \
+             --pixel-masks DIR names masks of pixels",
+            mask.display()
+        )
+    }));
     notes.extend(drop_id_masks(&mut views));
     // A single view is a training view.
     if !split_given && views.len() > 1 {
@@ -276,16 +291,28 @@ pub(crate) fn without_dots(file: &str) -> PathBuf {
     Path::new(file).components().filter(|c| !matches!(c, std::path::Component::CurDir)).collect()
 }
 
-/// True if `mask`, of a dataset in `folder`, holds ids of objects. If there are ids in `masks/`, no mask of the dataset
-/// is taken for one of valid pixels: `masks_2/` may hold the same ids at half the size, and to ignore every pixel
+/// What says that a mask holds ids of objects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ids {
+    /// The categories in its folder, or in one above it.
+    Here,
+    /// Those of the dataset's `masks/`, where it does not lie.
+    InMasks,
+}
+
+/// Whether `mask`, of a dataset in `folder`, holds ids of objects; `None` if nothing says so. If there are ids in `masks/`, no mask
+/// of the dataset is taken for one of valid pixels: `masks_2/` may hold the same ids at half the size, and to ignore every pixel
 /// without an object would silently spoil the training.
-fn is_instance_mask(folder: &Path, mask: &Path) -> bool {
+fn ids_of_objects(folder: &Path, mask: &Path) -> Option<Ids> {
     let has_categories = |folder: &Path| folder.join("categories.json").is_file();
     // Absolute paths, since a file may name its masks by absolute paths.
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.into());
     let (folder, mask) = (absolute(folder), absolute(mask));
     let mut within = mask.ancestors().skip(1).take_while(|above| above.starts_with(&folder));
-    mask.parent().is_some_and(has_categories) || within.any(has_categories) || has_categories(&folder.join("masks"))
+    if mask.parent().is_some_and(has_categories) || within.any(has_categories) {
+        return Some(Ids::Here);
+    }
+    has_categories(&folder.join("masks")).then_some(Ids::InMasks)
 }
 
 /// Makes view names unique. Views whose file names without extension are equal are named after their path instead:
@@ -431,8 +458,12 @@ mod tests {
                 let frame = format!(r#"{{"file_path":"a.png","mask_path":{mask_path:?},"transform_matrix":{POSE}}}"#);
                 let text = format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{frame}]}}"#);
                 std::fs::write(root.join("transforms.json"), text)?;
-                let used_mask = read_views(&root)?.views[0].mask_path.clone();
+                let dataset = read_views(&root)?;
+                let used_mask = dataset.views[0].mask_path.clone();
                 assert_eq!(used_mask, used.then(|| root.join(mask).join("a.png")), "{mask_path} {categories}");
+                // What only the folder masks/ says is told.
+                let told = dataset.notes.iter().any(|note| note.contains("no mask_path is used"));
+                assert_eq!(told, mask == "masks_2", "{mask_path} {categories}: {:?}", dataset.notes);
             }
         }
         Ok(())

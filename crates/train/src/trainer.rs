@@ -19,7 +19,7 @@ use super::error::TrainError;
 use super::event_log::EventLog;
 use super::events::{Event, EventSink};
 use super::exposures;
-use super::facts::{Bytes, Counts, DatasetFacts, StageTime, TrainFacts};
+use super::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, TrainFacts};
 use super::interrupt::Interrupt;
 use super::log_and_observer::LogAndObserver;
 use super::log_state::{LogState, Room};
@@ -99,6 +99,8 @@ struct Run<'a> {
     past: Past,
     /// The step of the checkpoint that was read or written last.
     kept_at: Option<u64>,
+    /// What memory was used for before the buffers of steps made room, if they have.
+    used_before: Vec<MemoryUse>,
     files: &'a RunFiles,
 }
 
@@ -171,7 +173,7 @@ pub fn train(
     let train_seconds = run.clock.seconds();
     stages.push(StageTime { name: "train".into(), seconds: train_seconds });
 
-    let memory_explained = memory_uses(&run.state, &run.runner, &run.views);
+    let memory_explained = run.memory_uses();
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
     let mut scene = run.with_room(done, |run| Ok(run.state.download(gpu)?))?;
@@ -301,6 +303,7 @@ impl<'a> Run<'a> {
             clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses },
             past,
             kept_at,
+            used_before: Vec::new(),
             files,
         })
     }
@@ -417,6 +420,14 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// What memory is used for in a step.
+    fn memory_uses(&self) -> Vec<MemoryUse> {
+        match self.runner.frame().buffers() {
+            None if !self.used_before.is_empty() => self.used_before.clone(),
+            _ => memory_uses(&self.state, &self.runner, &self.views),
+        }
+    }
+
     /// Does work between steps, after `done` of them. Where memory is short the buffers of steps make room, then photos.
     fn with_room<T>(
         &mut self,
@@ -428,6 +439,7 @@ impl<'a> Run<'a> {
             match work(self) {
                 Err(error) if error.missing_bytes().is_some() => {
                     if !std::mem::replace(&mut released, true) {
+                        self.used_before = self.memory_uses();
                         self.runner.release();
                     } else if !self.views.give_way(done)? {
                         return Err(error);

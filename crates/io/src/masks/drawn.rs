@@ -55,6 +55,10 @@ impl DrawnMasks {
                 return Err(error.advise("keep one of them"));
             }
         }
+        // A file may have the photos of one folder alone, by paths that begin with it.
+        for (i, photo) in photos.iter().enumerate().filter(|(_, photo)| photo.given != photo.name) {
+            index.insert_file(&photo.given, i);
+        }
         Ok(Self { photos, index, categories, notes })
     }
 

@@ -56,21 +56,20 @@ impl NameIndex {
         self.by_path.get(name).or_else(|| self.by_path.get(&whole()?)).copied()
     }
 
-    /// The entry whose path, with a folder, is the end of that of the view's photo: a part of a data set may have one camera of a rig,
-    /// whose views are then not named by their folder.
+    /// The entry whose path, with a folder, is the end of that of the view's photo, without its ending or with it: a part of a data
+    /// set may have one camera of a rig, whose views are then not named by their folder.
     fn by_end_of_path(&self, view: &View) -> Option<usize> {
-        let photo = view.image_path.with_extension("");
-        let parts: Vec<_> = photo.iter().map(|part| part.to_string_lossy()).collect();
-        let ends = (0..parts.len().saturating_sub(1)).map(|skipped| parts[skipped..].join("_"));
+        let parts_of = |path: &Path| path.iter().map(|part| part.to_string_lossy().into_owned()).collect::<Vec<_>>();
+        let (bare, whole) = (parts_of(&view.image_path.with_extension("")), parts_of(&view.image_path));
+        let ends =
+            (0..bare.len().saturating_sub(1)).flat_map(|skipped| [&bare, &whole].map(|of| of[skipped..].join("_")));
         ends.filter_map(|end| self.by_path.get(&end).copied()).next()
     }
 
-    /// The entry of a view: by its path, else by its file name if only one folder has it.
+    /// The entry of a view: by the end of its photo's path with a folder, else by its name, else by its file name if only one folder
+    /// has it. A block that has the photos of one folder alone names its views without it, as photos outside of folders are named.
     pub(super) fn find(&self, view: &View) -> Found {
-        if let Some(entry) = self.by_path(view) {
-            return Found::One(entry);
-        }
-        if let Some(entry) = self.by_end_of_path(view) {
+        if let Some(entry) = self.by_end_of_path(view).or_else(|| self.by_path(view)) {
             return Found::One(entry);
         }
         let name = &view.camera.name;

@@ -65,6 +65,13 @@ fn views_find_their_masks() -> Outcome {
     assert_eq!(MaskFolder::open(&root, &views)?.of_view(&photo)?, Some(of(5)));
     let alone = View { image_path: "images/left/7.jpg".into(), ..view("7", 1) };
     assert_eq!(MaskFolder::open(&root, &views)?.of_view(&alone)?, Some(of(5)));
+    // A photo outside of folders has the name that a block gives the same photo of a folder.
+    write_mask(&root.join("7.png"), &of(6))?;
+    let outside = View { image_path: "images/7.jpg".into(), ..view("7", 1) };
+    for (photo, id) in [(&alone, 5), (&outside, 6)] {
+        assert_eq!(MaskFolder::open(&root, &views)?.of_view(photo)?, Some(of(id)));
+    }
+    std::fs::remove_file(root.join("7.png"))?;
     assert!(masks.of_view(&view("1", 1)).is_err_and(|e| e.to_string().contains("view 1")));
     let text = masks.of_view(&view("2", 3)).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(text.contains("2.png") && text.contains("1x1") && text.contains("3x1"), "{text}");
@@ -184,6 +191,12 @@ fn coco_files_are_masks_of_ids() -> Outcome {
             assert_eq!((names(&masks), masks.notes.len()), (vec![(3, "tree"), (7, "car")], 0));
         }
     }
+    // Photos of two cameras, of which the file has one.
+    let of_rig =
+        |camera: &str| View { image_path: format!("images/{camera}/a.jpg").into(), ..photo(&format!("{camera}_a")) };
+    std::fs::write(&path, coco(ways[0]).replace(r"photos\\a", "left/a").replace("photos/b", "left/b"))?;
+    let masks = MaskFolder::open(&path, &[of_rig("left"), of_rig("right")])?;
+    assert!(masks.of_view(&of_rig("left"))?.is_some() && masks.of_view(&of_rig("right"))?.is_none());
     // Without ids of objects, ids say only what kind they are, and a line says so.
     std::fs::write(&path, coco(&|_| String::new()))?;
     let masks = is_the_same(&path, [0, 1, 2])?;

@@ -66,7 +66,7 @@ pub(super) struct MadeMasks {
 }
 
 impl MadeMasks {
-    fn path(folder: &RunFolder) -> PathBuf {
+    pub(super) fn path(folder: &RunFolder) -> PathBuf {
         folder.masks().join("made_from.json")
     }
 

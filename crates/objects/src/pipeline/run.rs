@@ -10,7 +10,7 @@ use super::config::{ConfigBuilder, RunConfig};
 use super::error::PipelineError;
 use super::job::PipelineJob;
 use super::label_gaussians::{is_segmented, print_of};
-use super::made_masks::check_same_origin;
+use super::made_masks::{MadeMasks, check_same_origin};
 use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
@@ -271,14 +271,16 @@ impl Pipeline<'_> {
             return Err(began_with_another_cloud(&job.out).into());
         }
         warnings.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
-        if !has_begun {
-            write_ply(&own, &cloud, config.pixel_filter())?;
-        }
         let (pixel_filter, near_plane) = (config.pixel_filter(), config.near_plane());
         let scene = InstancedScene { pixel_filter, near_plane, ..InstancedScene::from_cloud(cloud) };
+        // First, as a photo may be damaged, and then nothing has begun.
+        let eval = self.evaluated(job, &scene)?;
+        if !has_begun {
+            write_ply(&own, &scene.background, config.pixel_filter())?;
+        }
         let facts = TrainFacts {
             method: Method::Gaussians.name().into(),
-            eval: self.evaluated(job, &scene)?,
+            eval,
             stages: vec![StageTime::since("load", started)],
             gaussians: Counts::of(&scene),
             bytes: Bytes { file: file_bytes, host: scene.tensor_bytes(), ..Bytes::default() },
@@ -323,25 +325,32 @@ impl Before {
     /// After an error: gives the folder the configuration back that it had, unless there are results of the new one. What was
     /// refused is then as if it had not been asked for. If that fails as well, the first error is the one to report.
     fn restore(self, job: &PipelineJob) {
-        if Results::of(job) != self.results {
+        if Results::of(job).add_to(&self.results) {
             return;
         }
         let file = job.folder().config();
-        let _ = match self.config {
-            Some(bytes) => atomic_write(&file, |out| out.write_all(&bytes)),
-            None => {
-                // That of the plain cloud is removed if it is empty.
-                let _ = std::fs::remove_dir(job.cloud_phase().folder().path());
-                remove_if_there(&file)
+        let Some(bytes) = self.config else {
+            let cloud = job.cloud_phase().folder();
+            // What the plain cloud's phase makes before its first checkpoint.
+            for begun in [cloud.config(), cloud.events()] {
+                let _ = remove_if_there(&begun);
             }
+            for folder in [cloud.checkpoints().as_path(), cloud.path()] {
+                let _ = std::fs::remove_dir(folder);
+            }
+            // A folder that still looks like a run's needs its configuration.
+            if !cloud.path().exists() {
+                let _ = remove_if_there(&file);
+            }
+            return;
         };
+        let _ = atomic_write(&file, |out| out.write_all(&bytes));
     }
 }
 
 /// What phases and stages have left in a run folder.
-#[derive(PartialEq)]
 struct Results {
-    /// Checkpoints of both phases and masks that were made, and when they were written.
+    /// Checkpoints of both phases, and when they were written.
     written: Vec<(PathBuf, SystemTime)>,
     /// Prints of the stages' files, of those that are there: a file that is written again as it was is no new result.
     prints: Vec<Option<String>>,
@@ -350,12 +359,11 @@ struct Results {
 impl Results {
     fn of(job: &PipelineJob) -> Self {
         let (run, cloud) = (job.folder(), job.cloud_phase().folder());
-        let folders = [run.checkpoints(), cloud.checkpoints(), run.masks()];
+        let folders = [run.checkpoints(), cloud.checkpoints()];
         let files = folders.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
         let time_of =
             |file: std::fs::DirEntry| Some((file.path(), file.metadata().and_then(|data| data.modified()).ok()?));
-        let mut written: Vec<_> = files.filter_map(time_of).collect();
-        written.sort_unstable();
+        let written = files.filter_map(time_of).collect();
         let stages = [
             run.point_cloud(),
             run.consensus(),
@@ -364,8 +372,16 @@ impl Results {
             run.registration(),
             run.initial_scene(),
             run.prepared(),
+            // The last file of masks that were made.
+            MadeMasks::path(&run),
         ];
         Self { written, prints: stages.iter().map(|file| print_of(file).ok()).collect() }
+    }
+
+    /// True if there is anything that was not there; what was removed since is no result.
+    fn add_to(&self, before: &Self) -> bool {
+        self.written.iter().any(|file| !before.written.contains(file))
+            || self.prints.iter().zip(&before.prints).any(|(now, was)| now.is_some() && now != was)
     }
 }
 
