@@ -189,9 +189,9 @@ impl FindArgs {
 
 /// Refuses to write over the file of boxes if it has others: only the selected one and its repetitions are written.
 fn check_others_stay(args: &FindArgs, boxes: &Boxes) -> Result<(), CliError> {
-    let is_same = || Some(std::fs::canonicalize(&args.out).ok()? == std::fs::canonicalize(&args.boxes).ok()?);
     let others = boxes.objects.len().saturating_sub(1) + boxes.views.len();
-    if others == 0 || is_same() != Some(true) {
+    let replaced = args.out.canonicalize().ok();
+    if others == 0 || replaced.is_none() || replaced != args.boxes.canonicalize().ok() {
         return Ok(());
     }
     let what = format!("has boxes besides the selected one ({others} objects and photos), which would be lost");

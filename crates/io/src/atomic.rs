@@ -59,6 +59,8 @@ const OWN_OPEN_FILES: [&str; 3] = ["/dev/fd", "/proc/self/fd", "/proc/thread-sel
 const MOST_LINKS: usize = 40;
 
 impl Target {
+    /// Follows the links of a path.
+    ///
     /// # Errors
     /// More links than are followed, as in a circle.
     fn of(path: &Path) -> std::io::Result<Self> {

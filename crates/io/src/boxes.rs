@@ -21,6 +21,7 @@ use super::camera_file::parse_json;
 use super::error::{IoError, Place};
 use super::groups::MAX_INSTANCE_ID;
 use super::json::write_json;
+use super::masks::names::ends_of_path;
 use super::{View, read_bytes};
 use instgs_vk::scene::{Boxes, ObjectBox, ViewBox};
 
@@ -128,45 +129,35 @@ pub fn write_boxes(path: &Path, boxes: &Boxes) -> Result<(), IoError> {
 pub fn with_view_names(mut boxes: Boxes, views: &[View]) -> Boxes {
     let taken: BTreeSet<&str> = views.iter().map(|view| view.camera.name.as_str()).collect();
     let mut of_other_name: BTreeMap<String, usize> = BTreeMap::new();
-    for name in views.iter().flat_map(other_names) {
-        *of_other_name.entry(name).or_default() += 1;
+    for view in views {
+        // A photo without an ending has equal names.
+        let names: BTreeSet<String> = names_with_folder(view).into_iter().chain(file_name(view)).collect();
+        names.into_iter().for_each(|name| *of_other_name.entry(name).or_default() += 1);
     }
     for view in views {
         let name = &view.camera.name;
         let is_of_this = |other: &String| of_other_name.get(other) == Some(&1) && !taken.contains(other.as_str());
-        // The file's name alone comes after the view's own.
-        let is_exact =
-            |other: &String| !boxes.views.contains_key(name) || Some(other.as_str()) != file_name(view).as_deref();
-        let keys = other_names(view).into_iter().filter(|other| is_of_this(other) && is_exact(other));
-        let key = keys.into_iter().find(|other| boxes.views.contains_key(other));
-        if let Some(list) = key.and_then(|key| boxes.views.remove(&key)) {
+        let mut others = names_with_folder(view);
+        // The file's name alone says less than the view's own.
+        if !boxes.views.contains_key(name) {
+            others.extend(file_name(view));
+        }
+        let list = others.iter().filter(|other| is_of_this(other)).find_map(|other| boxes.views.remove(other));
+        if let Some(list) = list {
             boxes.views.insert(name.clone(), list);
         }
     }
     boxes
 }
 
+/// The ends of a view's photo's path with a folder, the longest first, with `_` or `/` between their parts.
+fn names_with_folder(view: &View) -> Vec<String> {
+    ends_of_path(&view.image_path).into_iter().flat_map(|end| [end.replace('/', "_"), end]).collect()
+}
+
 /// The name of a view's photo, with its ending.
 fn file_name(view: &View) -> Option<String> {
     view.image_path.file_name().map(|name| name.to_string_lossy().into_owned())
-}
-
-/// What else a view may be called, the most exact first: the ends of its photo's path with a folder, the longest first, with `_`
-/// or `/` between their parts and with or without the ending; and the name of the file.
-fn other_names(view: &View) -> Vec<String> {
-    let parts_of = |path: &Path| path.iter().map(|part| part.to_string_lossy().into_owned()).collect::<Vec<_>>();
-    let (bare, whole) = (parts_of(&view.image_path.with_extension("")), parts_of(&view.image_path));
-    let mut names = Vec::new();
-    for skipped in 0..bare.len().saturating_sub(1) {
-        for parts in [&bare[skipped..], &whole[skipped..]] {
-            names.extend([parts.join("_"), parts.join("/")]);
-        }
-    }
-    names.extend(whole.last().cloned());
-    // A photo without an ending has equal names.
-    let mut seen = BTreeSet::new();
-    names.retain(|name| seen.insert(name.clone()));
-    names
 }
 
 fn object_of(fields: ObjectFields) -> Result<ObjectBox, String> {

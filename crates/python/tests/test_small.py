@@ -57,6 +57,8 @@ def stopped_by_ctrl_c(work):
         pressed.append(time.monotonic())
         os.kill(os.getpid(), signal.SIGINT)
 
+    # A shell's background jobs ignore Ctrl-C, and so would this process then.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     timer = threading.Timer(1, press)
     timer.start()
     try:

@@ -1,5 +1,7 @@
 //! A training run: its start, its steps, and the files that it leaves.
 
+mod room;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -23,7 +25,6 @@ use super::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, TrainFacts
 use super::interrupt::Interrupt;
 use super::log_and_observer::LogAndObserver;
 use super::log_state::{LogState, Room};
-use super::memory::{Needs, memory_uses};
 use super::observer::{TrainMessage, TrainObserver};
 use super::results::{cleaned, evaluate_at_end, write_scene, write_training_cameras};
 use super::resumed_log::{Past, open_log};
@@ -39,8 +40,6 @@ use super::views::TrainViews;
 
 /// Steps between two events that report the loss.
 const REPORT_EVERY: u64 = 10;
-/// Fraction of the device's memory above which it is nearly full: other programs and allocators use some too.
-const TIGHT: f64 = 0.8;
 
 /// A training job. With the method `instgs` it is the joint phase: the run folder holds the scene that it starts from
 /// ([`RunFolder::initial_scene`]).
@@ -420,36 +419,6 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// What memory is used for in a step.
-    fn memory_uses(&self) -> Vec<MemoryUse> {
-        match self.runner.frame().buffers() {
-            None if !self.used_before.is_empty() => self.used_before.clone(),
-            _ => memory_uses(&self.state, &self.runner, &self.views),
-        }
-    }
-
-    /// Does work between steps, after `done` of them. Where memory is short the buffers of steps make room, then photos.
-    fn with_room<T>(
-        &mut self,
-        done: u64,
-        mut work: impl FnMut(&mut Self) -> Result<T, TrainError>,
-    ) -> Result<T, TrainError> {
-        let mut released = false;
-        loop {
-            match work(self) {
-                Err(error) if error.missing_bytes().is_some() => {
-                    if !std::mem::replace(&mut released, true) {
-                        self.used_before = self.memory_uses();
-                        self.runner.release();
-                    } else if !self.views.give_way(done)? {
-                        return Err(error);
-                    }
-                }
-                result => return result,
-            }
-        }
-    }
-
     /// Writes a checkpoint after `done` finished steps.
     fn save_checkpoint(&mut self, done: u64, saving: Saving) -> Result<PathBuf, TrainError> {
         let folder = self.job.folder().checkpoints();
@@ -505,23 +474,6 @@ impl<'a> Run<'a> {
         TrainError::Step { step, error: Box::new(error), remedy, saved }
     }
 
-    /// What would fit, if the error is that memory ran out.
-    fn remedy(&self, error: &TrainError) -> Option<String> {
-        let needs = Needs {
-            missing: error.missing_bytes()?,
-            gaussians: self.state.source_count() as u64,
-            gaussian_bytes: self.state_bytes(),
-            picture_bytes: self.views.bytes(),
-            budget_mb: self.job.config.device_memory_mb,
-        };
-        Some(needs.what_fits())
-    }
-
-    /// Bytes of the Gaussians on the device, with gradients and moments.
-    fn state_bytes(&self) -> u64 {
-        self.state.scene.bytes() + self.state.gradients.bytes() + self.state.moments.bytes()
-    }
-
     fn report(&mut self, outcome: &StepOutcome, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         let step = outcome.step + 1;
         self.views.take_given_way().iter().try_for_each(|text| sink.warn(text))?;
@@ -553,11 +505,6 @@ impl<'a> Run<'a> {
             seconds,
         })?;
         Ok(())
-    }
-
-    /// True if a second copy of the state might exceed the device's memory or the budget.
-    fn memory_is_tight(&self) -> bool {
-        self.gpu.memory_usage().0 + self.state_bytes() > (self.gpu.memory_budget() as f64 * TIGHT) as u64
     }
 
     /// Clones, splits, prunes, and resets opacities if the schedule says so.

@@ -7,7 +7,7 @@ pub mod coco;
 pub mod drawn;
 mod ids;
 pub mod labelme;
-mod names;
+pub(crate) mod names;
 mod object_files;
 mod polygon;
 mod runs;

@@ -59,11 +59,7 @@ impl NameIndex {
     /// The entry whose path, with a folder, is the end of that of the view's photo, without its ending or with it: a part of a data
     /// set may have one camera of a rig, whose views are then not named by their folder.
     fn by_end_of_path(&self, view: &View) -> Option<usize> {
-        let parts_of = |path: &Path| path.iter().map(|part| part.to_string_lossy().into_owned()).collect::<Vec<_>>();
-        let (bare, whole) = (parts_of(&view.image_path.with_extension("")), parts_of(&view.image_path));
-        let ends =
-            (0..bare.len().saturating_sub(1)).flat_map(|skipped| [&bare, &whole].map(|of| of[skipped..].join("_")));
-        ends.filter_map(|end| self.by_path.get(&end).copied()).next()
+        ends_of_path(&view.image_path).iter().find_map(|end| self.by_path.get(&end.replace('/', "_")).copied())
     }
 
     /// The entry of a view: by the end of its photo's path with a folder, else by its name, else by its file name if only one folder
@@ -83,4 +79,12 @@ impl NameIndex {
             Some([first, second, ..]) => Found::Two(*first, *second),
         }
     }
+}
+
+/// The ends of a photo's path that have a folder, the longest first, each without the file's ending and with it; `/` between parts.
+pub(crate) fn ends_of_path(photo: &Path) -> Vec<String> {
+    let parts_of = |path: &Path| path.iter().map(|part| part.to_string_lossy().into_owned()).collect::<Vec<_>>();
+    let (bare, whole) = (parts_of(&photo.with_extension("")), parts_of(photo));
+    let folders = bare.len().saturating_sub(1);
+    (0..folders).flat_map(|skipped| [&bare, &whole].map(|parts| parts[skipped..].join("/"))).collect()
 }

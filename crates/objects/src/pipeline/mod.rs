@@ -3,6 +3,7 @@
 //! ([`mod@label_gaussians`]), groups of objects that are alike with their poses ([`mod@register_objects`]), templates
 //! with instances ([`mod@build_templates`]), and the joint phase. Each stage is also a function of its own.
 
+mod before;
 pub mod build_templates;
 pub mod config;
 mod error;

@@ -3,14 +3,15 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
+use super::before::Before;
 use super::check_masks;
 use super::config::{ConfigBuilder, RunConfig};
 use super::error::PipelineError;
 use super::job::PipelineJob;
-use super::label_gaussians::{is_segmented, print_of};
-use super::made_masks::{MadeMasks, check_same_origin};
+use super::label_gaussians::is_segmented;
+use super::made_masks::check_same_origin;
 use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
@@ -18,8 +19,8 @@ use super::prepare::{Prepared, began_with_another_cloud, check_same_groups, prep
 use instgs_io::json::read_json;
 use instgs_io::ply::ply_bytes;
 use instgs_io::{
-    Dataset, IoError, RunFolder, Split, atomic_write, checkpoint, copy_file, load_scene, read_bytes, remove_if_there,
-    write_ply, write_scene_file,
+    Dataset, IoError, RunFolder, Split, atomic_write, checkpoint, copy_file, load_scene, read_bytes, write_ply,
+    write_scene_file,
 };
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
@@ -144,32 +145,29 @@ impl Pipeline<'_> {
         check_same_cloud(job)?;
         // Existing masks are checked before hours of training, and before the run folder is created.
         let are_there = matches!(MaskSource::of(job)?, MaskSource::Folder(_) | MaskSource::Boxes(_));
-        let warned = if are_there { checked(job, observer)? } else { Vec::new() };
+        let warned = if are_there { Some(checked(job, observer)?) } else { None };
         job.folder().create()?;
         let before = Before::of(job)?;
         // The joint phase writes it too, but a run that is stopped before must find it when it resumes.
         let text = job.config.to_toml()?;
         atomic_write(&job.folder().config(), |out| out.write_all(text.as_bytes()))?;
-        let finished = self.run_phases(job, are_there, warned, observer);
+        let finished = self.run_phases(job, warned, observer);
         if finished.as_ref().is_err_and(|error| !matches!(error, PipelineError::Interrupted { .. })) {
             before.restore(job);
         }
         finished
     }
 
-    /// All phases, in a folder that has its configuration. `warned` are the warnings about masks that the user has had, if
-    /// `masks_are_there`.
+    /// Runs all phases in a folder that has its configuration. `warned` are the warnings about masks that the user has had; `None` if
+    /// the masks are yet to be made and checked.
     fn run_phases(
         &self,
         job: &PipelineJob,
-        masks_are_there: bool,
-        mut warned: Vec<String>,
+        warned: Option<Vec<String>>,
         observer: &mut dyn Observer,
     ) -> Result<Finished, PipelineError> {
         let naming = masks_from_prompt(job, observer)?;
-        if !masks_are_there {
-            warned = checked(job, observer)?;
-        }
+        let warned = warned.map_or_else(|| checked(job, observer), Ok)?;
         let plain_cloud = match &job.config.train.init_scene {
             Some(scene) => self.take_cloud(job, scene, observer)?,
             None => self.train_cloud(job, observer)?,
@@ -306,82 +304,6 @@ impl Pipeline<'_> {
         let device_scene = renderer.upload(scene)?;
         let report = evaluate_test_views(&mut renderer, &device_scene, &test, config, &mut |_| Ok(()))?;
         Ok(Some(report.mean))
-    }
-}
-
-/// What a run folder held before its configuration was replaced.
-struct Before {
-    /// Its configuration, if it had one.
-    config: Option<Vec<u8>>,
-    results: Results,
-}
-
-impl Before {
-    fn of(job: &PipelineJob) -> Result<Self, IoError> {
-        let config = Some(job.folder().config()).filter(|file| file.is_file());
-        Ok(Self { config: config.map(|file| read_bytes(&file)).transpose()?, results: Results::of(job) })
-    }
-
-    /// After an error: gives the folder the configuration back that it had, unless there are results of the new one. What was
-    /// refused is then as if it had not been asked for. If that fails as well, the first error is the one to report.
-    fn restore(self, job: &PipelineJob) {
-        if Results::of(job).add_to(&self.results) {
-            return;
-        }
-        let file = job.folder().config();
-        let Some(bytes) = self.config else {
-            let cloud = job.cloud_phase().folder();
-            // What the plain cloud's phase makes before its first checkpoint.
-            for begun in [cloud.config(), cloud.events()] {
-                let _ = remove_if_there(&begun);
-            }
-            for folder in [cloud.checkpoints().as_path(), cloud.path()] {
-                let _ = std::fs::remove_dir(folder);
-            }
-            // A folder that still looks like a run's needs its configuration.
-            if !cloud.path().exists() {
-                let _ = remove_if_there(&file);
-            }
-            return;
-        };
-        let _ = atomic_write(&file, |out| out.write_all(&bytes));
-    }
-}
-
-/// What phases and stages have left in a run folder.
-struct Results {
-    /// Checkpoints of both phases, and when they were written.
-    written: Vec<(PathBuf, SystemTime)>,
-    /// Prints of the stages' files, of those that are there: a file that is written again as it was is no new result.
-    prints: Vec<Option<String>>,
-}
-
-impl Results {
-    fn of(job: &PipelineJob) -> Self {
-        let (run, cloud) = (job.folder(), job.cloud_phase().folder());
-        let folders = [run.checkpoints(), cloud.checkpoints()];
-        let files = folders.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
-        let time_of =
-            |file: std::fs::DirEntry| Some((file.path(), file.metadata().and_then(|data| data.modified()).ok()?));
-        let written = files.filter_map(time_of).collect();
-        let stages = [
-            run.point_cloud(),
-            run.consensus(),
-            run.labels(),
-            run.groups(),
-            run.registration(),
-            run.initial_scene(),
-            run.prepared(),
-            // The last file of masks that were made.
-            MadeMasks::path(&run),
-        ];
-        Self { written, prints: stages.iter().map(|file| print_of(file).ok()).collect() }
-    }
-
-    /// True if there is anything that was not there; what was removed since is no result.
-    fn add_to(&self, before: &Self) -> bool {
-        self.written.iter().any(|file| !before.written.contains(file))
-            || self.prints.iter().zip(&before.prints).any(|(now, was)| now.is_some() && now != was)
     }
 }
 
