@@ -41,21 +41,20 @@ pub struct PointSet {
 impl PointSet {
     /// A set of finite positions, fewer than 2^32 of them.
     pub fn new(positions: &[[f32; 3]]) -> Self {
-        let place_of = |i: u32| normal_zeros(positions[i as usize]);
-        let mut sorted: Vec<u32> = (0..positions.len() as u32).collect();
-        sorted.sort_unstable_by(|&a, &b| {
-            let (p, q) = (place_of(a), place_of(b));
-            p[0].total_cmp(&q[0]).then(p[1].total_cmp(&q[1])).then(p[2].total_cmp(&q[2])).then(a.cmp(&b))
-        });
-        let mut groups: Vec<&[u32]> = sorted.chunk_by(|&a, &b| place_of(a) == place_of(b)).collect();
-        groups.sort_unstable_by_key(|group| group[0]);
+        // Places in order, and the points of a place by index: one integer for both.
+        let mut sorted: Vec<u128> = positions.iter().zip(0_u32..).map(|(&p, i)| sort_key(p, i)).collect();
+        sorted.sort_unstable();
+        let point = |key: u128| key as u32;
+        let mut groups: Vec<&[u128]> = sorted.chunk_by(|a, b| a >> 32 == b >> 32).collect();
+        groups.sort_unstable_by_key(|group| point(group[0]));
         let (mut points, mut first) = (Vec::with_capacity(sorted.len()), Vec::with_capacity(groups.len() + 1));
         for group in &groups {
             first.push(points.len());
-            points.extend_from_slice(group);
+            points.extend(group.iter().map(|&key| point(key)));
         }
         first.push(points.len());
-        let places = groups.iter().zip(0..).map(|(group, number)| Place { at: place_of(group[0]), number }).collect();
+        let at = |group: &[u128]| normal_zeros(positions[point(group[0]) as usize]);
+        let places = groups.iter().zip(0..).map(|(group, number)| Place { at: at(group), number }).collect();
         Self { tree: Tree::new(places), points, first }
     }
 
@@ -107,6 +106,16 @@ impl PointSet {
         let others = nearest.len().saturating_sub(1);
         nearest.iter().map(|n| n.squared_distance).sum::<f64>() / others.max(1) as f64
     }
+}
+
+/// Orders finite positions by their coordinates, and points of one place by index.
+fn sort_key(position: [f32; 3], index: u32) -> u128 {
+    // Bits of numbers ascend with these, but for the sign: negative numbers are inverted and come first.
+    let ascending = |bits: u32| if bits >> 31 == 1 { !bits } else { bits | 1 << 31 };
+    let [x, y, z] = normal_zeros(position);
+    [x.to_bits(), y.to_bits(), z.to_bits()].into_iter().fold(0, |key, bits| key << 32 | u128::from(ascending(bits)))
+        << 32
+        | u128::from(index)
 }
 
 /// The same place for -0 as for 0.

@@ -1,7 +1,6 @@
 //! Poses from features alone, without a first guess: random samples of matched points, ranked by inliers (RANSAC).
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::fpfh::{Feature, squared_difference};
 use super::pose::{Pair, Pose, best_pose};
@@ -25,8 +24,7 @@ pub(super) fn mutual_matches(reference: &[Feature], target: &[Feature]) -> Vec<(
     let (reference_step, target_step) = (thinned(reference), thinned(target));
     let of = |all: &[Feature], step: usize| -> Vec<Feature> { all.iter().step_by(step).copied().collect() };
     let (reference, target) = (of(reference, reference_step), of(target, target_step));
-    let forth = best_matches(&reference, &target);
-    let back = best_matches(&target, &reference);
+    let (forth, back) = best_matches(&reference, &target);
     let mutual = forth.iter().enumerate().filter(|(i, j)| back.get(**j) == Some(i));
     mutual.map(|(i, &j)| (i * reference_step, j * target_step)).collect()
 }
@@ -36,16 +34,23 @@ fn thinned(features: &[Feature]) -> usize {
     features.len().div_ceil(MOST_FEATURES).max(1)
 }
 
-/// For each feature of `from`, the index of the nearest one of `to`, the first in a tie; `usize::MAX` if there is none.
-fn best_matches(from: &[Feature], to: &[Feature]) -> Vec<usize> {
-    let best = |a: &Feature| {
-        let nearer = |best: (usize, f32), (j, b): (usize, &Feature)| {
+/// For each feature the index of the nearest one of the other object, the first in a tie; `usize::MAX` if there is none.
+fn best_matches(reference: &[Feature], target: &[Feature]) -> (Vec<usize>, Vec<usize>) {
+    let none = (usize::MAX, f32::INFINITY);
+    let (mut forth, mut back) = (vec![none; reference.len()], vec![none; target.len()]);
+    for (i, (a, nearest)) in reference.iter().zip(&mut forth).enumerate() {
+        for (j, (b, nearest_back)) in target.iter().zip(&mut back).enumerate() {
             let difference = squared_difference(a, b);
-            if difference < best.1 { (j, difference) } else { best }
-        };
-        to.iter().enumerate().fold((usize::MAX, f32::INFINITY), nearer).0
-    };
-    from.par_iter().map(best).collect()
+            if difference < nearest.1 {
+                *nearest = (j, difference);
+            }
+            if difference < nearest_back.1 {
+                *nearest_back = (i, difference);
+            }
+        }
+    }
+    let indices = |nearest: Vec<(usize, f32)>| nearest.into_iter().map(|(index, _)| index).collect();
+    (indices(forth), indices(back))
 }
 
 /// Poses from samples of matched points: the `modes` best distinct ones, those with most inliers first. `voxel` is the

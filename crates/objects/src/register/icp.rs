@@ -62,7 +62,7 @@ pub(super) fn icp_apart(
 fn closest_pairs(model: &Surface, followed: &mut Followed<'_>, data: &Surface, pose: &Pose) -> Vec<Pair> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::with_capacity(data.len());
     for (i, &to) in data.positions.iter().enumerate() {
-        if let Some((j, distance)) = followed.nearest(i, pose.apply_inverse(to)) {
+        if let Some((j, distance)) = followed.nearest(i, pose.apply_inverse(to), f64::INFINITY) {
             pairs.push((distance * pose.scale, i, j));
         }
     }

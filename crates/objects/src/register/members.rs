@@ -14,6 +14,7 @@ use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
 use super::spread::{PoseUncertainty, Spread};
 use super::together::{Member, Rival, common_axis, half_turned, refine_together, rivals_of, stand_upright};
+use super::unions::Unions;
 
 /// From this many members on, all others together are better evidence than the reference alone.
 const ENOUGH: usize = 3;
@@ -72,10 +73,12 @@ impl<'a> Group<'a> {
         let (scale, all) = (options.allow_scale, &mut self.placed);
         let upright = axis.filter(|axis| stand_upright(all, *axis));
         refine_together(all, upright, scale);
+        let unions = Unions::of_all(all);
         let rival = |(k, member): (usize, &Aligned<'_>)| {
+            let Some(model) = unions.without(k + 1) else { return Vec::new() };
             let turned = axis.map(|axis| half_turned(&all[k + 1].pose, axis));
             let starts: Vec<Pose> = member.decision.rivals.iter().copied().chain(turned).collect();
-            rivals_of(all, k + 1, &starts, scale)
+            rivals_of(model, all[k + 1], &starts, scale)
         };
         let rivals: Vec<Vec<Rival>> = self.members.par_iter().enumerate().map(rival).collect();
         if self.take_better(rivals, check, options.min_margin)? {
@@ -179,13 +182,11 @@ fn uncertainties(all: &[Member<'_>], costs: &[f64], spread: Spread) -> Vec<Optio
         sorted.sort_by(f64::total_cmp);
         sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
     };
+    let costs: Vec<f64> = std::iter::once(median).chain(costs.iter().copied()).collect();
+    let all = spread.of_all(all, &costs);
     // Of two objects there is only one relative pose, whose uncertainty already has both parts.
-    let of_reference = (costs.len() > 1).then(|| spread.of(all, 0, median)).flatten();
-    let of = |(i, &cost): (usize, &f64)| {
-        let own = spread.of(all, i + 1, cost)?;
-        Some(of_reference.map_or(own, |reference| own.and(reference)))
-    };
-    costs.par_iter().enumerate().map(of).collect()
+    let of_reference = if all.len() > 2 { all[0] } else { None };
+    all[1..].iter().map(|own| own.map(|own| of_reference.map_or(own, |reference| own.and(reference)))).collect()
 }
 
 /// Marks a pose as symmetric or ambiguous, because the object fits about as well after `motion`.

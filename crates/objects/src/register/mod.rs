@@ -5,7 +5,7 @@
 //! (`normals`) and FPFH features (`fpfh`). The object of a group with most Gaussians is the reference. Poses of every
 //! other object start from matched features (`global`) and from turns about the up axis, and are refined from coarse to
 //! fine by ICP (`icp`, `hypotheses`). Near ties are decided by colour and by rendered pictures (`check`, `verify`,
-//! `decide`). Then every object is aligned with all others of its group (`together`) by point-to-plane steps (`plane`),
+//! `decide`). Then every object is aligned with all others of its group (`together`, `unions`) by point-to-plane steps (`plane`),
 //! and rival poses are compared once more (`members`). Repeating the registration with halves of the Gaussians gives
 //! standard deviations of each pose (`spread`). [`register()`] forms the groups and reports every object;
 //! [`polished()`] refines given poses.
@@ -13,6 +13,7 @@
 //! Accuracy on surfaces, trained clouds and coarse clouds: `docs/notes/objects.md`.
 
 mod alike;
+mod cells;
 pub mod check;
 mod color;
 mod compare;
@@ -37,6 +38,7 @@ mod sample;
 mod spread;
 mod surface;
 mod together;
+mod unions;
 pub mod verify;
 
 pub use check::{Agreement, PoseCheck};

@@ -54,8 +54,9 @@ pub(super) fn slide(model: &Surface, data: &Surface, start: Pose, options: Slide
 /// One Gauss-Newton step in the target's frame. Rotations are scaled to lengths at the radius `reach`.
 fn step(model: &Surface, followed: &mut Followed<'_>, data: &Surface, reach: f64, pose: &Pose, options: Slide) -> Pose {
     let (mut matrix, mut right) = ([[0.0; UNKNOWNS]; UNKNOWNS], [0.0; UNKNOWNS]);
+    let far = REACH * data.voxel / pose.scale;
     for (i, (&q, q_normal)) in data.positions.iter().zip(&data.normals).enumerate() {
-        let Some((j, distance)) = followed.nearest(i, pose.apply_inverse(q)) else { continue };
+        let Some((j, distance)) = followed.nearest(i, pose.apply_inverse(q), far) else { continue };
         let normal = pose.rotation * model.normals[j];
         if distance * pose.scale > REACH * data.voxel || normal.dot(*q_normal) < SAME_SIDE {
             continue;

@@ -15,7 +15,8 @@ use super::plane::{Slide, slide};
 use super::pose::Pose;
 use super::sample::{FINE, ObjectSurface};
 use super::surface::{Sample, Surface};
-use super::together::{Member, model_without, upright, upright_about};
+use super::together::{Member, upright, upright_about};
+use super::unions::Unions;
 use instgs_vk::math::eigen::symmetric_eigen;
 use instgs_vk::math::rng::Rng;
 
@@ -73,35 +74,34 @@ struct Deviation {
 }
 
 impl Spread {
-    /// Uncertainty of the k-th member's pose. `cost` is that of its fit to the reference, the first member. `None`
-    /// without another member.
-    pub(super) fn of(&self, members: &[Member<'_>], k: usize, cost: f64) -> Option<PoseUncertainty> {
-        let found: Vec<Deviation> =
-            (0..HALVES).into_par_iter().map(|half| self.deviation(members, k, half)).collect::<Option<_>>()?;
-        let Member { surface, pose } = members[k];
-        let turns: Vec<DVec3> = found.iter().map(|d| d.turn).collect();
-        let turns = without_round_axis(members[0].surface, &pose, turns, cost);
-        let rms = |squares: f64| (squares / HALVES as f64).sqrt();
-        Some(PoseUncertainty {
-            degrees: rms(turns.iter().map(|t| t.length_squared()).sum()).to_degrees(),
-            part: rms(found.iter().map(|d| d.shift.length_squared()).sum()) / surface.size,
-        })
+    /// Uncertainty of each member's pose; `costs` are those of their fits to the reference, the first member, whose own is
+    /// that of a usual fit. `None` without another member.
+    pub(super) fn of_all(&self, members: &[Member<'_>], costs: &[f64]) -> Vec<Option<PoseUncertainty>> {
+        let mut deviations: Vec<Vec<Deviation>> = members.iter().map(|_| Vec::with_capacity(HALVES)).collect();
+        for half in 0..HALVES {
+            let unions = Unions::new(members, |i| self.half_of(members[i].surface, half));
+            let of = |k: usize| self.deviation(unions.without(k)?, members[k], half);
+            let found: Vec<Option<Deviation>> = (0..members.len()).into_par_iter().map(of).collect();
+            deviations.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
+        }
+        let of = |((found, member), &cost): ((&Vec<Deviation>, &Member<'_>), &f64)| {
+            (found.len() == HALVES).then(|| uncertainty(members[0].surface, *member, found, cost))
+        };
+        deviations.par_iter().zip(members).zip(costs).map(of).collect()
     }
 
-    /// Recomputes the k-th member's pose from a half; `None` without another member.
-    fn deviation(&self, members: &[Member<'_>], k: usize, half: usize) -> Option<Deviation> {
-        let part = |i: usize| self.half_of(members[i].surface, half);
-        let model = model_without(members, k, part)?;
-        let Member { surface, pose } = members[k];
+    /// Recomputes a member's pose from a half of its Gaussians and `model`, the union of halves of the others.
+    fn deviation(&self, model: &Surface, member: Member<'_>, half: usize) -> Option<Deviation> {
+        let Member { surface, pose } = member;
         let axis = self.axis.filter(|axis| upright_about(&pose, *axis));
         let rng = Rng::new(self.seed).fork(HALF_STREAM).fork(u64::from(surface.id)).fork((HALVES + half) as u64);
-        let points = base_points(&part(k), surface);
+        let points = base_points(&self.half_of(surface, half), surface);
         let options = IcpOptions { steps: STEPS, allow_scale: self.allow_scale };
         let mut found = Vec::new();
         for start in starts(&pose, surface.size, rng) {
-            found.extend(icp_apart(&model, &points, start, options, &found));
+            found.extend(icp_apart(model, &points, start, options, &found));
         }
-        let all: Vec<(Pose, f64)> = found.into_iter().map(|p| (p, mean_distance(&model, &points, &p))).collect();
+        let all: Vec<(Pose, f64)> = found.into_iter().map(|p| (p, mean_distance(model, &points, &p))).collect();
         let best = *all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
         let off = |found: &Pose| found.translation.distance(pose.translation);
         let is_rival = |f: &&(Pose, f64)| off(&f.0) > OTHER * surface.size && f.1 <= (1.0 + self.min_margin) * best.1;
@@ -110,7 +110,7 @@ impl Spread {
         if let Some(axis) = axis {
             found.rotation = upright(found.rotation, axis);
         }
-        let found = slide(&model, &points, found, Slide { steps: STEPS, allow_scale: self.allow_scale, axis });
+        let found = slide(model, &points, found, Slide { steps: STEPS, allow_scale: self.allow_scale, axis });
         let motion = found.after(&pose.inverse());
         Some(Deviation { turn: DQuat::from_mat3(&motion.rotation).to_scaled_axis(), shift: motion.translation })
     }
@@ -124,6 +124,17 @@ impl Spread {
         let samples = surface.levels[FINE].samples().into_iter().zip(&surface.disc_of_point);
         let kept = samples.filter(|(_, disc)| is_first[**disc as usize] == half.is_multiple_of(2));
         kept.map(|(sample, _)| sample).collect()
+    }
+}
+
+/// The uncertainty of a member's pose, from its deviations for all halves.
+fn uncertainty(reference: &ObjectSurface, member: Member<'_>, found: &[Deviation], cost: f64) -> PoseUncertainty {
+    let turns: Vec<DVec3> = found.iter().map(|d| d.turn).collect();
+    let turns = without_round_axis(reference, &member.pose, turns, cost);
+    let rms = |squares: f64| (squares / HALVES as f64).sqrt();
+    PoseUncertainty {
+        degrees: rms(turns.iter().map(|t| t.length_squared()).sum()).to_degrees(),
+        part: rms(found.iter().map(|d| d.shift.length_squared()).sum()) / member.surface.size,
     }
 }
 

@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use instgs_vk::math::nearest::{NearestPlace, PointSet};
+use super::cells::{Cells, Near};
+use instgs_vk::math::nearest::PointSet;
 
 /// A point drawn on a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,15 +26,21 @@ pub(super) struct Surface {
     pub normals: Vec<DVec3>,
     /// Base colours (SH band 0), rgb.
     pub colors: Vec<DVec3>,
-    /// Search among `positions` from anywhere, made on first use.
+    /// Search among `positions` from anywhere.
     pub set: PointSet,
+    /// Search from places near the surface; `None` if the points are too scattered.
+    cells: Option<Cells>,
 }
 
 impl Surface {
     /// One mean sample per occupied voxel, in order of voxels. Samples must be finite.
     pub(super) fn new(samples: &[Sample], voxel: f64) -> Self {
-        let key = |p: DVec3| (p / voxel).floor().to_array().map(|c| c as i64);
-        let mut order: Vec<([i64; 3], usize)> = samples.iter().enumerate().map(|(i, s)| (key(s.position), i)).collect();
+        let key = |p: DVec3| {
+            let cell = (p / voxel).floor();
+            (cell.x as i64, cell.y as i64, cell.z as i64)
+        };
+        let mut order: Vec<((i64, i64, i64), usize)> =
+            samples.iter().enumerate().map(|(i, s)| (key(s.position), i)).collect();
         order.sort_unstable();
         let (mut positions, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
         for cell in order.chunk_by(|a, b| a.0 == b.0) {
@@ -49,8 +56,9 @@ impl Surface {
 
     /// A surface of given points with one normal and colour each.
     pub(super) fn of_points(voxel: f64, positions: Vec<DVec3>, normals: Vec<DVec3>, colors: Vec<DVec3>) -> Self {
-        let set = PointSet::new(&positions.iter().map(|p| p.as_vec3().to_array()).collect::<Vec<_>>());
-        Self { voxel, positions, normals, colors, set }
+        let places: Vec<[f32; 3]> = positions.iter().map(|p| p.as_vec3().to_array()).collect();
+        let (set, cells) = (PointSet::new(&places), Cells::new(&places, voxel));
+        Self { voxel, positions, normals, colors, set, cells }
     }
 
     /// Number of points in the surface.
@@ -60,8 +68,20 @@ impl Surface {
 
     /// The point nearest to `position` and its distance; `None` if there are no points.
     pub(super) fn nearest(&self, position: DVec3) -> Option<(usize, f64)> {
-        let near = self.set.nearest_one(position.as_vec3().to_array())?;
-        Some((near.index as usize, near.squared_distance.sqrt()))
+        match self.near(position.as_vec3().to_array(), f64::INFINITY) {
+            Near::Place(near) => Some((near.neighbour.index as usize, near.neighbour.squared_distance.sqrt())),
+            Near::Beyond(_) => None,
+        }
+    }
+
+    /// The point nearest to a place, and how far all others are at least; or `Beyond` if none is within `reach`, or there
+    /// are no points.
+    fn near(&self, position: [f32; 3], reach: f64) -> Near {
+        match self.cells.as_ref().map(|cells| cells.nearest_place(position)) {
+            Some(Near::Beyond(least)) if least > reach => Near::Beyond(least),
+            Some(Near::Place(near)) => Near::Place(near),
+            _ => self.set.nearest_place(position).map_or(Near::Beyond(f64::INFINITY), Near::Place),
+        }
     }
 
     /// The points as samples, for another resolution.
@@ -76,7 +96,7 @@ impl Surface {
 pub(super) struct Followed<'a> {
     surface: &'a Surface,
     /// By point: position of the last search and its result.
-    found: Vec<Option<(DVec3, NearestPlace)>>,
+    found: Vec<Option<(DVec3, Near)>>,
 }
 
 impl<'a> Followed<'a> {
@@ -85,20 +105,28 @@ impl<'a> Followed<'a> {
         Self { surface, found: vec![None; count] }
     }
 
-    /// [`Surface::nearest`] for the `i`-th point, which is now at `position`.
-    pub(super) fn nearest(&mut self, i: usize, position: DVec3) -> Option<(usize, f64)> {
+    /// [`Surface::nearest`] for the `i`-th point, which is now at `position`; `None` also if no point is within `reach`.
+    /// Points beyond that may be given or not.
+    pub(super) fn nearest(&mut self, i: usize, position: DVec3, reach: f64) -> Option<(usize, f64)> {
         let rounded = position.as_vec3();
         let place = rounded.as_dvec3();
-        if let Some((then, near)) = self.found[i] {
-            let index = near.neighbour.index as usize;
-            let distance = self.surface.positions[index].as_vec3().as_dvec3().distance(place);
-            if distance + then.distance(place) < near.others {
-                return Some((index, distance));
+        match self.found[i] {
+            Some((then, Near::Place(near))) => {
+                let index = near.neighbour.index as usize;
+                let distance = self.surface.positions[index].as_vec3().as_dvec3().distance(place);
+                if distance + then.distance(place) < near.others {
+                    return Some((index, distance));
+                }
             }
+            Some((then, Near::Beyond(least))) if least - then.distance(place) > reach => return None,
+            _ => (),
         }
-        let near = self.surface.set.nearest_place(rounded.to_array())?;
+        let near = self.surface.near(rounded.to_array(), reach);
         self.found[i] = Some((place, near));
-        Some((near.neighbour.index as usize, near.neighbour.squared_distance.sqrt()))
+        match near {
+            Near::Place(near) => Some((near.neighbour.index as usize, near.neighbour.squared_distance.sqrt())),
+            Near::Beyond(_) => None,
+        }
     }
 }
 
@@ -139,8 +167,10 @@ mod tests {
             for (i, place) in places.iter_mut().enumerate() {
                 *place += rng.normal_vector() * (0.1 * 0.8_f64.powi(step));
                 let before = followed.found[i].map(|f| f.0);
-                let near = followed.nearest(i, *place);
-                assert_eq!(near, surface.nearest(*place));
+                let reach = if i % 2 == 0 { f64::INFINITY } else { 0.3 };
+                let near = followed.nearest(i, *place, reach);
+                let want = surface.nearest(*place);
+                assert!(near == want || near.is_none() && want.is_some_and(|want| want.1 > reach));
                 let searched = followed.found[i].map(|f| f.0) != before;
                 (kept, changed) = (kept + usize::from(!searched), changed + usize::from(searched));
             }

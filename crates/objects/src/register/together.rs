@@ -7,13 +7,12 @@ use super::icp::{IcpOptions, icp, mean_distance};
 use super::plane::{Slide, slide};
 use super::pose::Pose;
 use super::sample::{BASE, FINE, ObjectSurface};
-use super::surface::{Sample, Surface};
+use super::surface::Surface;
+use super::unions::Unions;
 use instgs_vk::math::eigen::symmetric_eigen;
 
 /// Rounds in which every object is aligned with all others.
 const ROUNDS: usize = 4;
-/// Number of objects in that union at most: those seen best. More add nothing.
-const MOST_MODELS: usize = 8;
 /// Largest number of steps for each refinement.
 const STEPS: usize = 12;
 /// Largest angle between the up axes of objects on one floor when registered alone, radians (4 degrees).
@@ -46,14 +45,15 @@ pub(super) struct Rival {
 /// `axis` only.
 pub(super) fn refine_together(members: &mut [Member<'_>], axis: Option<DVec3>, allow_scale: bool) {
     for _ in 0..ROUNDS {
+        let unions = Unions::of_all(members);
         let refined = |(k, member): (usize, &Member<'_>)| {
             let mut start = member.pose;
             let axis = axis.filter(|axis| upright_about(&start, *axis));
             if let Some(axis) = axis {
                 start.rotation = upright(start.rotation, axis);
             }
-            let Some(model) = model_without(members, k, |i| all_of(&members[i])) else { return start };
-            slide(&model, &member.surface.levels[FINE], start, Slide { steps: STEPS, allow_scale, axis })
+            let Some(model) = unions.without(k) else { return start };
+            slide(model, &member.surface.levels[FINE], start, Slide { steps: STEPS, allow_scale, axis })
         };
         let poses: Vec<Pose> = members.par_iter().enumerate().map(refined).collect();
         let of_reference = poses[0].inverse();
@@ -65,9 +65,9 @@ pub(super) fn refine_together(members: &mut [Member<'_>], axis: Option<DVec3>, a
 /// Mean distance of each object's points from the union of all others, in voxels of the object, each clamped to
 /// [`MOST_VOXELS`](super::icp::MOST_VOXELS); the mean over the objects.
 pub(super) fn mean_cost(members: &[Member<'_>]) -> f64 {
+    let unions = Unions::of_all(members);
     let cost = |(k, member): (usize, &Member<'_>)| {
-        let model = model_without(members, k, |i| all_of(&members[i]))?;
-        Some(mean_distance(&model, &member.surface.levels[BASE], &member.pose))
+        Some(mean_distance(unions.without(k)?, &member.surface.levels[BASE], &member.pose))
     };
     let costs: Vec<f64> = members.par_iter().enumerate().filter_map(cost).collect();
     costs.iter().sum::<f64>() / costs.len().max(1) as f64
@@ -80,56 +80,24 @@ pub(super) fn half_turned(pose: &Pose, up: DVec3) -> Pose {
     Pose { rotation, translation: -(rotation * pose.apply_inverse(DVec3::ZERO)) * pose.scale, ..*pose }
 }
 
-/// Other poses of the k-th object, refined against all other objects, each with its cost relative to the present pose's.
-/// The union of all objects tells poses apart that one partly seen object does not. Rivals get all steps of refinement,
-/// since costs differ by less than the last step gains. Empty without another object or pose.
-pub(super) fn rivals_of(members: &[Member<'_>], k: usize, starts: &[Pose], allow_scale: bool) -> Vec<Rival> {
-    let Some(model) = model_without(members, k, |i| all_of(&members[i])) else { return Vec::new() };
-    let Member { surface, pose } = members[k];
-    let cost = |pose: &Pose| mean_distance(&model, &surface.levels[BASE], pose);
+/// Other poses of an object, refined against `model`, the union of all others, each with its cost relative to the present
+/// pose's. The union of all objects tells poses apart that one partly seen object does not. Rivals get all steps of
+/// refinement, since costs differ by less than the last step gains. Empty without another pose.
+pub(super) fn rivals_of(model: &Surface, member: Member<'_>, starts: &[Pose], allow_scale: bool) -> Vec<Rival> {
+    let Member { surface, pose } = member;
+    let cost = |pose: &Pose| mean_distance(model, &surface.levels[BASE], pose);
     let refined = |start: &Pose| {
         let mut pose = *start;
         for level in [BASE - 1, BASE] {
-            pose = icp(&model, &surface.levels[level], pose, IcpOptions { steps: STEPS, allow_scale });
+            pose = icp(model, &surface.levels[level], pose, IcpOptions { steps: STEPS, allow_scale });
         }
-        pose = slide(&model, &surface.levels[FINE], pose, Slide { steps: STEPS, allow_scale, axis: None });
+        pose = slide(model, &surface.levels[FINE], pose, Slide { steps: STEPS, allow_scale, axis: None });
         (pose, cost(&pose))
     };
     // The present pose is refined in the same way: with the up axis enforced it may fit worse than a free rival.
     let own = cost(&pose).min(refined(&pose).1);
     let rivals = starts.iter().map(refined).map(|(pose, cost)| Rival { pose, surface: cost / own });
     rivals.filter(|rival| rival.surface.is_finite()).collect()
-}
-
-/// Finest points of an object, local frame.
-fn all_of(member: &Member<'_>) -> Vec<Sample> {
-    member.surface.levels[FINE].samples()
-}
-
-/// Union of all objects but the k-th, in the group's frame; `None` if there is no other. `points` gives the points of a
-/// member in its local frame.
-pub(super) fn model_without(
-    members: &[Member<'_>],
-    k: usize,
-    points: impl Fn(usize) -> Vec<Sample>,
-) -> Option<Surface> {
-    let mut others: Vec<usize> = (0..members.len()).filter(|&i| i != k).collect();
-    others.sort_by_key(|&i| (std::cmp::Reverse(members[i].surface.gaussians), i));
-    others.truncate(MOST_MODELS);
-    let sample = |pose: &Pose, s: Sample| Sample {
-        position: pose.apply_inverse(s.position),
-        normal: pose.rotation.transpose() * s.normal,
-        color: s.color,
-    };
-    let of = |i: usize| {
-        let pose = members[i].pose;
-        points(i).into_iter().map(move |s| sample(&pose, s))
-    };
-    let samples: Vec<Sample> = others.iter().flat_map(|&i| of(i)).collect();
-    let voxel = members[*others.first()?].surface.levels[FINE].voxel / members[others[0]].pose.scale;
-    let mut model = Surface::new(&samples, voxel);
-    model.normals.iter_mut().for_each(|n| *n = n.normalize_or(DVec3::Z));
-    Some(model)
 }
 
 /// The direction that the rotations of all upright objects leave fixed, as far as they determine it; near `up`. Objects
