@@ -26,9 +26,45 @@ pub fn up_direction(cameras: &[Camera]) -> Option<DVec3> {
     Some(if up.dot(mean) < 0.0 { -up } else { up })
 }
 
+/// Points farther from their middle than this many times the median distance do not count: strays, and the horizon.
+const FAR: f64 = 3.0;
+/// Largest ratio of the standard deviations of the points along the normal of their plane and along its shorter side.
+const FLAT: f64 = 0.5;
+/// Least mean cosine between the normal and the directions back to the cameras: 37 degrees from straight at it.
+const STRAIGHT: f64 = 0.8;
+
+/// The normal of the plane in which points about lie, towards the cameras, if these look straight at it, as on a flight over a field or
+/// along a facade: the upper edges of such pictures point anywhere within the plane, so that [`up_direction`] of a flight is no up
+/// axis. `None` if the points do not lie in a plane, or are not seen so. Points and the unit vector are in the world frame.
+pub fn normal_seen_straight(cameras: &[Camera], points: &[DVec3]) -> Option<DVec3> {
+    let near = without_far(points);
+    let mean = near.iter().sum::<DVec3>() / near.len().max(1) as f64;
+    let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+    let spread = near.iter().fold(DMat3::ZERO, |sum, &p| sum + outer(p - mean));
+    let [(least, normal), (next, _), _] = symmetric_eigen(spread.to_cols_array_2d());
+    let normal = DVec3::from_array(normal);
+    let is_flat = least.max(0.0) <= FLAT * FLAT * next;
+    let back = cameras.iter().map(|c| -c.rotation().row(2).dot(normal)).filter(|part| part.is_finite());
+    let towards = back.sum::<f64>() / cameras.len().max(1) as f64;
+    (is_flat && towards.abs() >= STRAIGHT).then(|| normal * towards.signum())
+}
+
+/// The points that are not far from the middle of all.
+fn without_far(points: &[DVec3]) -> Vec<DVec3> {
+    let median = |mut values: Vec<f64>| {
+        let middle = values.len() / 2;
+        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    };
+    let along = |axis: usize| median(points.iter().map(|p| p[axis]).collect());
+    let middle = DVec3::new(along(0), along(1), along(2));
+    let limit = FAR * median(points.iter().map(|p| p.distance(middle)).collect());
+    points.iter().copied().filter(|p| p.distance(middle) <= limit).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::rng::Rng;
     use crate::scene::Camera;
 
     /// Cameras on a ring around the origin, above it, looking at it with `up` upwards.
@@ -59,5 +95,42 @@ mod tests {
         // From a single direction only the mean is known.
         let still = vec![side[0].clone(); 5];
         assert!(degrees(up_direction(&still).unwrap()) > 60.0);
+    }
+
+    /// A field of 40 by 20 with plants up to 1 high, and points on the horizon.
+    fn field() -> Vec<DVec3> {
+        let mut rng = Rng::new(3);
+        let mut draw = || DVec3::new(rng.range(0.0, 40.0), rng.range(0.0, 20.0), rng.range(0.0, 1.0));
+        let mut points: Vec<DVec3> = (0..2000).map(|_| draw()).collect();
+        points.extend((0..40).map(|i| DVec3::new(900.0, f64::from(i) * 20.0, 300.0)));
+        points
+    }
+
+    /// Cameras above the field that look along a direction, with their upper edges along `up_of` each.
+    fn flight(forward: DVec3, up_of: impl Fn(u32) -> DVec3) -> Vec<Camera> {
+        let eye = |i: u32| DVec3::new(f64::from(i % 8) * 5.0, f64::from(i / 8) * 4.0, 15.0);
+        let camera = |i: u32| Camera::look_at("", eye(i), eye(i) + forward, up_of(i), 0.9, (64, 48));
+        (0..32).map(camera).collect()
+    }
+
+    #[test]
+    fn flights_over_a_field_see_its_normal() {
+        let north = flight(DVec3::NEG_Z, |_| DVec3::Y);
+        let there_and_back = flight(DVec3::NEG_Z, |i| if i / 8 % 2 == 0 { DVec3::X } else { DVec3::NEG_X });
+        assert!(up_direction(&north).unwrap().z.abs() < 0.1 && up_direction(&there_and_back).is_none());
+        for cameras in [north, there_and_back] {
+            assert!(normal_seen_straight(&cameras, &field()).unwrap().z > 0.999);
+        }
+    }
+
+    /// Who looks along the ground, or at what is no plane, sees no normal.
+    #[test]
+    fn others_see_none() {
+        let (level, down) = (flight(DVec3::X, |_| DVec3::Z), flight(DVec3::NEG_Z, |_| DVec3::Y));
+        let mut rng = Rng::new(4);
+        let ball: Vec<DVec3> = (0..500).map(|_| rng.unit_vector() * 9.0).collect();
+        for (cameras, points) in [(&level, field()), (&down, ball), (&down, Vec::new()), (&Vec::new(), field())] {
+            assert_eq!(normal_seen_straight(cameras, &points), None);
+        }
     }
 }

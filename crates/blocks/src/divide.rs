@@ -3,7 +3,7 @@
 use glam::DVec3;
 use instgs_io::{Dataset, IoError, Split};
 use instgs_vk::math::sh::widened;
-use instgs_vk::scene::{Camera, PointCloud, up_direction};
+use instgs_vk::scene::{Camera, PointCloud, normal_seen_straight, up_direction};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -53,7 +53,8 @@ pub struct Division {
 /// that shows enough of no block is given to the one that it shows most, so that only views without a point are left out.
 ///
 /// # Errors
-/// There are too few points or views for so many blocks, or the cameras do not agree on an up axis.
+/// There are too few points or views for so many blocks, or no ground: its points lie in no plane that cameras look down on,
+/// and these agree on no up axis.
 pub fn divide(
     data: &Path,
     dataset: &Dataset,
@@ -62,16 +63,17 @@ pub fn divide(
 ) -> Result<Division, IoError> {
     let world: Vec<DVec3> = points.positions.iter().map(|&p| widened(p)).collect();
     let training: Vec<Camera> = dataset.split(Split::Train).map(|view| view.camera.clone()).collect();
-    let up = up_direction(&training).ok_or_else(|| {
-        IoError::new(data, "its cameras do not agree on what is up, so there is no ground to divide")
-            .advise("blocks are for captures whose cameras are about level")
-    })?;
     let shown: Vec<usize> = in_frames(&training, &world);
     if shown.len() < options.blocks * FEWEST_POINTS {
         let what = format!("its training views show {} points, too few for {} blocks", shown.len(), options.blocks);
         return Err(IoError::new(data, what).advise("give a denser point cloud, or fewer blocks"));
     }
     let shown_points: Vec<DVec3> = shown.iter().map(|&i| world[i]).collect();
+    let straight = normal_seen_straight(&training, &shown_points);
+    let up = straight.or_else(|| up_direction(&training)).ok_or_else(|| {
+        IoError::new(data, "its cameras do not agree on what is up, so there is no ground to divide")
+            .advise("blocks are for captures whose cameras are about level, or look down on flat ground")
+    })?;
     let ground = Ground::of_points(up, &shown_points);
     let mut flat: Vec<[f64; 2]> = shown_points.iter().map(|&p| ground.flat(p)).collect();
     let mut parts = Vec::new();
@@ -214,6 +216,31 @@ mod tests {
         // Every view belongs to a block.
         assert!((0..21).all(|v| division.views.iter().any(|views| views.contains(&v))));
         assert_eq!(division.notes, Vec::<String>::new());
+        Ok(())
+    }
+
+    /// On a flight there and back that looks straight down, the upper edges of pictures agree on nothing, but the ground is plain.
+    #[test]
+    fn a_flight_over_a_field_is_divided_along_and_across() -> Result<(), Box<dyn std::error::Error>> {
+        let (_, mut cloud) = street();
+        cloud.positions.iter_mut().for_each(|p| p[1] *= 8.0);
+        let view = |i: u32| {
+            let eye = DVec3::new(f64::from(i % 10) * 4.0, f64::from(i / 10) * 5.0, 6.0);
+            let up = if i / 10 % 2 == 0 { DVec3::X } else { DVec3::NEG_X };
+            View {
+                camera: Camera::look_at(&format!("{i:02}"), eye, eye + DVec3::NEG_Z, up, 0.9, (64, 64)),
+                image_path: format!("{i:02}.png").into(),
+                split: Split::Train,
+                distortion: None,
+                mask_path: None,
+            }
+        };
+        let dataset = Dataset { views: (0..60).map(view).collect(), notes: Vec::new() };
+        let options = DivideOptions { blocks: 4, ..DivideOptions::default() };
+        let division = divide(Path::new("/field"), &dataset, &cloud, &options)?;
+        assert!(division.plan.ground.up[2] > 0.999, "{:?}", division.plan.ground);
+        let is_cut = |axis: usize| division.plan.blocks.iter().any(|b| b.cell.low[axis].is_some());
+        assert!(is_cut(0) && is_cut(1));
         Ok(())
     }
 

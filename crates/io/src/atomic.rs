@@ -42,6 +42,17 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
     }
 }
 
+/// The file that [`atomic_write`] would replace: where the path's links lead. The path itself if that is no file.
+///
+/// # Errors
+/// More links than are followed, as in a circle.
+pub fn replaced_file(path: &Path) -> Result<PathBuf, IoError> {
+    match Target::of(path).map_err(|error| IoError::os(path, "cannot write", &error))? {
+        Target::File(file) => Ok(file),
+        Target::Stream | Target::Stdout => Ok(path.to_path_buf()),
+    }
+}
+
 /// What a path that is written to stands for.
 #[derive(Debug, PartialEq)]
 enum Target {

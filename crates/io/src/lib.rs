@@ -67,7 +67,7 @@ use std::path::Path;
 
 use instgs_vk::scene::gaussians::MAX_SH_DEGREE;
 
-pub use atomic::{atomic_write, copy_file, locked_temporary, remove_if_there};
+pub use atomic::{atomic_write, copy_file, locked_temporary, remove_if_there, replaced_file};
 pub use boxes::{read_boxes, with_view_names, write_boxes};
 pub use camera_file::{read_cameras, write_cameras};
 pub use checkpoint::Checkpoint;

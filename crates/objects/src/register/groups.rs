@@ -15,8 +15,10 @@ use super::options::RegisterOptions;
 use super::outcome::{posed_group, rejected, reports, target_from_reference};
 use super::report::InstanceRegistration;
 use super::sample::{FEW_GAUSSIANS, ObjectSurface};
+use super::together::MOST_STAND;
+use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Camera, Gaussians, PosedGroup, up_direction};
+use instgs_vk::scene::{Camera, Gaussians, PosedGroup, normal_seen_straight, up_direction};
 
 /// Objects larger than usual in their category by more than this factor are tried last as references: a mask that holds
 /// two objects makes a large one, and every object would fit a half of it.
@@ -63,23 +65,40 @@ pub fn register<'a>(
     let surface =
         |(&id, indices): (&u32, &Vec<u32>)| (id, ObjectSurface::new(id, indices, input.cloud, input.cameras, options));
     let surfaces: Vec<(u32, Result<ObjectSurface, String>)> = indices.par_iter().map(surface).collect();
-    let mut run = Run { up: up_direction(input.cameras), options, check, out: Registered::default() };
-    let mut classes: BTreeMap<Option<&String>, Vec<&ObjectSurface>> = BTreeMap::new();
+    let (mut classes, mut without_points) = (Classes::new(), Vec::new());
     for (id, surface) in &surfaces {
         let name = input.categories.get(id);
         match surface {
             Ok(surface) => classes.entry(name).or_default().push(surface),
-            Err(reason) => run.out.instances.push(rejected(*id, name, 0, reason.clone())),
+            Err(reason) => without_points.push(rejected(*id, name, 0, reason.clone())),
         }
     }
-    let mut groups = Vec::new();
-    for (name, members) in classes {
-        groups.extend(run.class(name, members)?);
+    let (level, straight) = (up_direction(input.cameras), normal_seen_straight(input.cameras, &means_of(input.cloud)));
+    let mut run = Run { up: level.or(straight), options, check, out: Registered::default() };
+    let mut groups = run.groups(&classes)?;
+    if let (Some(up), Some(normal)) = (level, straight)
+        && stand_rather_about(normal, up, &groups)
+    {
+        run = Run { up: straight, out: Registered::default(), ..run };
+        groups = run.groups(&classes)?;
     }
     let axis = run.up.map(|up| Group::axis_of(&groups, up));
     groups.into_iter().try_for_each(|group| run.settle(group, axis))?;
+    run.out.instances.extend(without_points);
     run.out.instances.sort_by_key(|i| i.instance);
     Ok(run.out)
+}
+
+/// Centres of the Gaussians, but for those that are not finite.
+fn means_of(cloud: &Gaussians) -> Vec<DVec3> {
+    cloud.means.iter().map(|&mean| widened(mean)).filter(|mean| mean.is_finite()).collect()
+}
+
+/// Whether objects stand upright about the normal of what the cameras look straight at rather than about `up`, the axis of the
+/// cameras. On a flight over a car park that is north, and they do; along a shelf they stand upright about both.
+fn stand_rather_about(normal: DVec3, up: DVec3, groups: &[Group<'_>]) -> bool {
+    let [about_normal, about_up] = [normal, up].map(|axis| Group::upright_part(groups, axis));
+    about_up < MOST_STAND && about_normal > about_up
 }
 
 pub(super) fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
@@ -92,6 +111,9 @@ pub(super) fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
     }
     input.cameras.iter().try_for_each(Camera::validate).map_err(RegisterError::Camera)
 }
+
+/// Objects by name: those of one name, or of none, are compared.
+type Classes<'a> = BTreeMap<Option<&'a String>, Vec<&'a ObjectSurface>>;
 
 /// A target and its pose, or why it has none.
 type Outcome<'s> = (&'s ObjectSurface, Result<Decision, Unlike>);
@@ -112,6 +134,15 @@ fn usual_size(objects: &[&ObjectSurface]) -> f64 {
 }
 
 impl Run<'_> {
+    /// Forms groups of the objects of each class.
+    fn groups<'s>(&mut self, classes: &Classes<'s>) -> Result<Vec<Group<'s>>, RegisterError> {
+        let mut groups = Vec::new();
+        for (name, members) in classes {
+            groups.extend(self.class(*name, members.clone())?);
+        }
+        Ok(groups)
+    }
+
     /// Forms groups of the objects of one category, or of those without a name.
     fn class<'s>(
         &mut self,
@@ -215,7 +246,7 @@ impl Run<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DMat3, DVec3};
+    use glam::{DMat3, DQuat, DVec3};
     use instgs_vk::math::rng::Rng;
 
     /// Adds an object of two boxes, as a chair has a seat and a back, of so many Gaussians; its size and place are scene units.
@@ -257,5 +288,46 @@ mod tests {
         assert_eq!((groups(1)?, groups(2)?), (0, 1));
         assert!(groups(0).is_err_and(|error| error.to_string().contains("most_references")));
         Ok(())
+    }
+
+    /// From a flight that looks straight down the upper edges of pictures point north, or there and back. Objects that are turned
+    /// about the vertical are then aligned by turns about one axis, and stand upright.
+    #[test]
+    fn objects_below_a_flight_stand_upright() -> Result<(), RegisterError> {
+        let (mut cloud, mut labels) = (Gaussians::with_capacity(0, 0), Vec::new());
+        for i in 0..6_u32 {
+            let place = DVec3::new(f64::from(i % 3) * 4.0, f64::from(i / 3) * 4.0, 0.0);
+            let turn = DMat3::from_rotation_z(0.9 * f64::from(i));
+            push(&mut cloud, &mut labels, i + 1, 500, Similarity::from_parts(turn, 1.0, place));
+        }
+        let camera = |i: u32, up: DVec3| {
+            let eye = DVec3::new(f64::from(i % 4) * 3.0, f64::from(i / 4) * 2.0, 9.0);
+            Camera::look_at("", eye, eye + DVec3::NEG_Z, up, 0.9, (64, 48))
+        };
+        for back in [DVec3::Y, DVec3::NEG_Y] {
+            let cameras: Vec<Camera> =
+                (0..16).map(|i| camera(i, if i / 4 % 2 == 0 { DVec3::Y } else { back })).collect();
+            let input = RegisterInput {
+                cloud: &cloud,
+                instance_of_gaussian: &labels,
+                categories: &BTreeMap::new(),
+                cameras: &cameras,
+            };
+            let found = register(&input, None, &RegisterOptions::default())?;
+            let [group] = found.groups.as_slice() else { panic!("{} groups", found.groups.len()) };
+            let turns = group.instances.iter().map(|i| DQuat::from_mat3(&i.world_from_template.rotation()));
+            let axes: Vec<DVec3> = turns.filter_map(|turn| turn.to_scaled_axis().try_normalize()).collect();
+            assert_eq!(axes.len(), 5, "all but the reference are turned");
+            for axis in axes {
+                assert!(axis.z.abs() > 0.999, "{axis}");
+                assert!(axis.cross(group_axis(group)).length() < 1e-6, "{axis}");
+            }
+        }
+        Ok(())
+    }
+
+    /// The axis about which the second instance is turned.
+    fn group_axis(group: &PosedGroup) -> DVec3 {
+        DQuat::from_mat3(&group.instances[1].world_from_template.rotation()).to_scaled_axis().normalize()
     }
 }

@@ -13,7 +13,7 @@ use super::outcome::target_from_reference;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
 use super::spread::{PoseUncertainty, Spread};
-use super::together::{Member, Rival, common_axis, half_turned, refine_together, rivals_of, stand_upright};
+use super::together::{MOST_STAND, Member, Rival, common_axis, half_turned, refine_together, rivals_of, upright_part};
 use super::unions::Unions;
 
 /// From this many members on, all others together are better evidence than the reference alone.
@@ -59,6 +59,12 @@ impl<'a> Group<'a> {
         common_axis(groups.iter().flat_map(|group| &group.placed[1..]), up)
     }
 
+    /// The part of the objects of all groups, but for references, that stands upright about the axis which they have in common near
+    /// `up`.
+    pub(super) fn upright_part(groups: &[Self], up: DVec3) -> f64 {
+        upright_part(groups.iter().flat_map(|group| &group.placed[1..]), Self::axis_of(groups, up))
+    }
+
     /// Aligns the members with each other and replaces a pose by a rival that fits better. If most members stand
     /// upright, those are turned about `axis` only. Returns the uncertainty of each member's pose.
     ///
@@ -71,7 +77,7 @@ impl<'a> Group<'a> {
         options: &RegisterOptions,
     ) -> Result<Vec<Option<PoseUncertainty>>, RegisterError> {
         let (scale, all) = (options.allow_scale, &mut self.placed);
-        let upright = axis.filter(|axis| stand_upright(all, *axis));
+        let upright = axis.filter(|axis| upright_part(all[1..].iter(), *axis) >= MOST_STAND);
         refine_together(all, upright, scale);
         let unions = Unions::of_all(all);
         let rival = |(k, member): (usize, &Aligned<'_>)| {

@@ -17,6 +17,8 @@ const ROUNDS: usize = 4;
 const STEPS: usize = 12;
 /// Largest angle between the up axes of objects on one floor when registered alone, radians (4 degrees).
 const UPRIGHT: f64 = 0.07;
+/// Least part of the objects of a group that stands upright for the group to have an up axis.
+pub(super) const MOST_STAND: f64 = 2.0 / 3.0;
 /// Objects tilted by more than this from the cameras' up direction do not stand upright, radians (20 degrees): that
 /// direction is only accurate to some degrees.
 const FAR: f64 = 0.35;
@@ -129,11 +131,14 @@ fn tilt(pose: &Pose, axis: DVec3) -> f64 {
     (pose.rotation * axis).angle_between(axis)
 }
 
-/// Whether at least two thirds of the objects stand upright.
-pub(super) fn stand_upright(members: &[Member<'_>], axis: DVec3) -> bool {
-    let others = &members[1..];
-    let count = others.iter().filter(|m| upright_about(&m.pose, axis)).count();
-    3 * count >= 2 * others.len()
+/// The part of objects that stands upright, 0..=1.
+pub(super) fn upright_part<'a>(members: impl Iterator<Item = &'a Member<'a>>, axis: DVec3) -> f64 {
+    let (mut upright, mut count) = (0, 0);
+    for member in members {
+        count += 1;
+        upright += usize::from(upright_about(&member.pose, axis));
+    }
+    upright as f64 / f64::from(count.max(1))
 }
 
 /// The turn about the axis that is nearest to the rotation.

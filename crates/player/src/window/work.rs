@@ -20,7 +20,7 @@ use instgs_console::opened::OpenedScene;
 use instgs_io::page::cameras_beside;
 use instgs_io::{
     ExportFormat, ExportedScene, IoError, Pack, PageOptions, atomic_write, export_scene, locked_temporary,
-    packing_lost, page_text, save_scene,
+    packing_lost, page_text, replaced_file, save_scene,
 };
 use instgs_vk::scene::camera::rigid_rows;
 use instgs_vk::scene::{Boxes, Camera, InstancedScene};
@@ -405,8 +405,10 @@ impl Writing {
 
     /// Writes any other file, under a temporary name first.
     fn write_part(&self) -> Result<ExportedScene, String> {
+        // A link stays, and the file that it leads to is replaced.
+        let to = replaced_file(&self.to).map_err(|error| error.to_string())?;
         // Those that write put another file in its place, so that it is not kept open and locked.
-        let part = part_of(&self.to)?.into_temp_path();
+        let part = part_of(&to, &self.to)?.into_temp_path();
         let done = if self.saves {
             save_scene(&part, &self.scene).map(|()| ExportedScene::default())
         } else {
@@ -415,16 +417,17 @@ impl Writing {
         // Its errors name the temporary file.
         let named = |text: String| text.replace(&part.display().to_string(), &self.to.display().to_string());
         let exported = done.map_err(|error| named(error.to_string()))?;
-        let rename = || part.persist(&self.to).map_err(|error| cannot_write(&self.to, &error.error));
+        let rename = || part.persist(&to).map_err(|error| cannot_write(&self.to, &error.error));
         unless_cancelled(&self.cancelled, rename)?;
         Ok(exported)
     }
 }
 
-/// An empty temporary file beside another and with its ending, which is removed unless it gets the other's name. It is locked while
-/// it is open, so that no process takes it for one that a killed player has left.
-fn part_of(to: &Path) -> Result<NamedTempFile, String> {
-    let ending = format!(".{}", to.extension().unwrap_or_default().to_string_lossy());
+/// An empty temporary file beside another, which is removed unless it gets the other's name. It has the ending of the name that
+/// the user gave, a link perhaps: that says what is written. It is locked while it is open, so that no process takes it for one
+/// that a killed player has left.
+fn part_of(to: &Path, named: &Path) -> Result<NamedTempFile, String> {
+    let ending = format!(".{}", named.extension().unwrap_or_default().to_string_lossy());
     locked_temporary(to, &ending).map_err(|error| error.to_string())
 }
 
@@ -439,7 +442,7 @@ fn unless_cancelled<T>(cancelled: &AtomicBool, appear: impl FnOnce() -> Result<T
 
 /// Runs ffmpeg on numbered frames.
 fn video(folder: &Path, to: &Path, cancelled: &AtomicBool) -> Written {
-    let part = part_of(to)?;
+    let part = part_of(to, to)?;
     // There a lock keeps ffmpeg from writing, too.
     #[cfg(windows)]
     let _ = part.as_file().unlock();

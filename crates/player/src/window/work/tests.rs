@@ -76,6 +76,24 @@ fn what_is_cancelled_leaves_no_file() {
     }
 }
 
+/// A scene is often a link into a folder of many: what is saved goes there, and the link stays.
+#[cfg(unix)]
+#[test]
+fn a_link_stays_and_leads_to_what_was_saved() {
+    for (name, saves) in [("a.instgs", true), ("a.ply", false)] {
+        let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let real = elsewhere.path().join("real");
+        std::fs::write(&real, b"old").unwrap();
+        let job = Writing { saves, ..writing(folder.path(), name) };
+        std::os::unix::fs::symlink(&real, &job.to).unwrap();
+        let to = job.to.clone();
+        job.run().unwrap();
+        assert_eq!(std::fs::read_link(&to).unwrap(), real, "{name}");
+        assert!(real.metadata().unwrap().len() > 100, "{name}");
+        assert_eq!(elsewhere.path().read_dir().unwrap().count(), 1, "{name}");
+    }
+}
+
 #[test]
 fn a_page_has_its_files_name_and_the_first_training_camera() {
     let folder = tempfile::tempdir().unwrap();
@@ -114,7 +132,8 @@ fn what_a_file_cannot_hold_is_told_with_its_name() {
 #[test]
 fn a_video_that_is_being_made_is_not_taken_for_one_left_behind() {
     let folder = tempfile::tempdir().unwrap();
-    let part = part_of(&folder.path().join("a.mp4")).unwrap();
+    let to = folder.path().join("a.mp4");
+    let part = part_of(&to, &to).unwrap();
     let same_file = std::fs::File::open(part.path()).unwrap();
     assert!(same_file.try_lock().is_err() && part.path().extension().is_some_and(|ending| ending == "mp4"));
 }
