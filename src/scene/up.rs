@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn flights_over_a_field_see_its_normal() {
         let north = flight(DVec3::NEG_Z, |_| DVec3::Y);
-        let there_and_back = flight(DVec3::NEG_Z, |i| if i / 8 % 2 == 0 { DVec3::X } else { DVec3::NEG_X });
+        let there_and_back = flight(DVec3::NEG_Z, |i| if (i / 8).is_multiple_of(2) { DVec3::X } else { DVec3::NEG_X });
         assert!(up_direction(&north).unwrap().z.abs() < 0.1 && up_direction(&there_and_back).is_none());
         for cameras in [north, there_and_back] {
             assert!(normal_seen_straight(&cameras, &field()).unwrap().z > 0.999);

@@ -226,7 +226,7 @@ mod tests {
         cloud.positions.iter_mut().for_each(|p| p[1] *= 8.0);
         let view = |i: u32| {
             let eye = DVec3::new(f64::from(i % 10) * 4.0, f64::from(i / 10) * 5.0, 6.0);
-            let up = if i / 10 % 2 == 0 { DVec3::X } else { DVec3::NEG_X };
+            let up = if (i / 10).is_multiple_of(2) { DVec3::X } else { DVec3::NEG_X };
             View {
                 camera: Camera::look_at(&format!("{i:02}"), eye, eye + DVec3::NEG_Z, up, 0.9, (64, 64)),
                 image_path: format!("{i:02}.png").into(),

@@ -306,7 +306,7 @@ mod tests {
         };
         for back in [DVec3::Y, DVec3::NEG_Y] {
             let cameras: Vec<Camera> =
-                (0..16).map(|i| camera(i, if i / 4 % 2 == 0 { DVec3::Y } else { back })).collect();
+                (0..16).map(|i| camera(i, if (i / 4).is_multiple_of(2) { DVec3::Y } else { back })).collect();
             let input = RegisterInput {
                 cloud: &cloud,
                 instance_of_gaussian: &labels,
