@@ -30,27 +30,35 @@ pub fn up_direction(cameras: &[Camera]) -> Option<DVec3> {
 const FAR: f64 = 3.0;
 /// Largest ratio of the standard deviations of the points along the normal of their plane and along its shorter side.
 const FLAT: f64 = 0.5;
-/// Least mean cosine between the normal and the directions back to the cameras: 37 degrees from straight at it.
+/// Least ratio of the variances along the shorter and the longer side: below it the points lie on a line, or in one place.
+const WIDE: f64 = 1e-4;
+/// Least mean cosine between the normal and the cameras' axes: 37 degrees from straight at it.
 const STRAIGHT: f64 = 0.8;
 
-/// The normal of the plane in which points about lie, towards the cameras, if these look straight at it, as on a flight over a field or
-/// along a facade: the upper edges of such pictures point anywhere within the plane, so that [`up_direction`] of a flight is no up
-/// axis. `None` if the points do not lie in a plane, or are not seen so. Points and the unit vector are in the world frame.
-pub fn normal_seen_straight(cameras: &[Camera], points: &[DVec3]) -> Option<DVec3> {
-    let near = without_far(points);
+/// The normal, towards the cameras, of the plane in which points roughly lie, if the cameras look straight at it, as on a flight over a
+/// field or along a facade. The upper edges of such pictures may point anywhere within the plane, so that [`up_direction`] of a
+/// flight is no up axis. `None` if the points do not lie in a plane, or are not seen so; then they are not always asked for.
+/// Points and the unit vector are in the world frame.
+pub fn normal_seen_straight(cameras: &[Camera], points: impl IntoIterator<Item = DVec3>) -> Option<DVec3> {
+    let forward = cameras.iter().map(|c| c.rotation().row(2)).filter(|axis| axis.is_finite());
+    let forward = forward.sum::<DVec3>() / cameras.len().max(1) as f64;
+    // Cameras that look into all directions look straight at nothing.
+    if forward.length() < STRAIGHT {
+        return None;
+    }
+    let near = without_far(points.into_iter().filter(|p| p.is_finite()).collect());
     let mean = near.iter().sum::<DVec3>() / near.len().max(1) as f64;
     let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
     let spread = near.iter().fold(DMat3::ZERO, |sum, &p| sum + outer(p - mean));
-    let [(least, normal), (next, _), _] = symmetric_eigen(spread.to_cols_array_2d());
+    let [(least, normal), (next, _), (most, _)] = symmetric_eigen(spread.to_cols_array_2d());
+    let is_flat = least <= FLAT * FLAT * next && next > WIDE * most;
     let normal = DVec3::from_array(normal);
-    let is_flat = least.max(0.0) <= FLAT * FLAT * next;
-    let back = cameras.iter().map(|c| -c.rotation().row(2).dot(normal)).filter(|part| part.is_finite());
-    let towards = back.sum::<f64>() / cameras.len().max(1) as f64;
+    let towards = -forward.dot(normal);
     (is_flat && towards.abs() >= STRAIGHT).then(|| normal * towards.signum())
 }
 
 /// The points that are not far from the middle of all.
-fn without_far(points: &[DVec3]) -> Vec<DVec3> {
+fn without_far(mut points: Vec<DVec3>) -> Vec<DVec3> {
     let median = |mut values: Vec<f64>| {
         let middle = values.len() / 2;
         if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
@@ -58,7 +66,8 @@ fn without_far(points: &[DVec3]) -> Vec<DVec3> {
     let along = |axis: usize| median(points.iter().map(|p| p[axis]).collect());
     let middle = DVec3::new(along(0), along(1), along(2));
     let limit = FAR * median(points.iter().map(|p| p.distance(middle)).collect());
-    points.iter().copied().filter(|p| p.distance(middle) <= limit).collect()
+    points.retain(|p| p.distance(middle) <= limit);
+    points
 }
 
 #[cfg(test)]
@@ -119,7 +128,7 @@ mod tests {
         let there_and_back = flight(DVec3::NEG_Z, |i| if (i / 8).is_multiple_of(2) { DVec3::X } else { DVec3::NEG_X });
         assert!(up_direction(&north).unwrap().z.abs() < 0.1 && up_direction(&there_and_back).is_none());
         for cameras in [north, there_and_back] {
-            assert!(normal_seen_straight(&cameras, &field()).unwrap().z > 0.999);
+            assert!(normal_seen_straight(&cameras, field()).unwrap().z > 0.999);
         }
     }
 
@@ -129,8 +138,11 @@ mod tests {
         let (level, down) = (flight(DVec3::X, |_| DVec3::Z), flight(DVec3::NEG_Z, |_| DVec3::Y));
         let mut rng = Rng::new(4);
         let ball: Vec<DVec3> = (0..500).map(|_| rng.unit_vector() * 9.0).collect();
-        for (cameras, points) in [(&level, field()), (&down, ball), (&down, Vec::new()), (&Vec::new(), field())] {
-            assert_eq!(normal_seen_straight(cameras, &points), None);
+        let line: Vec<DVec3> = (0..500).map(|i| DVec3::Y * f64::from(i)).collect();
+        let of_level = [field(), line.clone(), vec![DVec3::ONE; 9], vec![DVec3::NAN], Vec::new()].map(|p| (&level, p));
+        let of_down = [ball, line, vec![DVec3::ONE; 9], Vec::new()].map(|p| (&down, p));
+        for (cameras, points) in of_level.into_iter().chain(of_down).chain([(&Vec::new(), field())]) {
+            assert_eq!(normal_seen_straight(cameras, points), None);
         }
     }
 }

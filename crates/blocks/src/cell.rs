@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Ground {
     /// Unit vectors of the world frame along the two coordinates on the ground, at right angles to each other and to `up`.
     pub axes: [[f64; 3]; 2],
-    /// The ground's normal, upwards: a unit vector of the data set's world frame.
+    /// The ground's normal, upwards or towards the cameras: a unit vector of the data set's world frame.
     pub up: [f64; 3],
 }
 

@@ -19,6 +19,9 @@ const FEWEST_POINTS: usize = 16;
 /// Least number of training views of a block.
 const FEWEST_VIEWS: usize = 2;
 
+/// Axes that differ by more than this, radians (20 degrees), are not one: the ground may slope.
+const ANOTHER_AXIS: f64 = 0.35;
+
 /// How a data set is to be divided.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DivideOptions {
@@ -69,8 +72,7 @@ pub fn divide(
         return Err(IoError::new(data, what).advise("give a denser point cloud, or fewer blocks"));
     }
     let shown_points: Vec<DVec3> = shown.iter().map(|&i| world[i]).collect();
-    let straight = normal_seen_straight(&training, &shown_points);
-    let up = straight.or_else(|| up_direction(&training)).ok_or_else(|| {
+    let up = ground_normal(&training, &shown_points).ok_or_else(|| {
         IoError::new(data, "its cameras do not agree on what is up, so there is no ground to divide")
             .advise("blocks are for captures whose cameras are about level, or look down on flat ground")
     })?;
@@ -110,6 +112,13 @@ pub fn divide(
         division.points.push([near, far].concat());
     }
     Ok(division)
+}
+
+/// The normal of the ground: the cameras' up axis, but that of the plane which they look straight at if this is another, as on a
+/// flight, whose pictures have the north above. A facade seen so is divided along and across as well.
+fn ground_normal(cameras: &[Camera], points: &[DVec3]) -> Option<DVec3> {
+    let (level, straight) = (up_direction(cameras), normal_seen_straight(cameras, points.iter().copied()));
+    straight.filter(|normal| level.is_none_or(|up| up.angle_between(*normal) > ANOTHER_AXIS)).or(level)
 }
 
 /// A part of the ground, and where its points lie without strays.
@@ -219,7 +228,7 @@ mod tests {
         Ok(())
     }
 
-    /// On a flight there and back that looks straight down, the upper edges of pictures agree on nothing, but the ground is plain.
+    /// On a flight there and back that looks straight down, the upper edges of pictures agree on nothing, but the ground is flat.
     #[test]
     fn a_flight_over_a_field_is_divided_along_and_across() -> Result<(), Box<dyn std::error::Error>> {
         let (_, mut cloud) = street();

@@ -5,14 +5,16 @@ use std::ops::Range;
 
 use instgs_vk::math::nearest::{NearestPlace, Neighbour};
 
-/// Edge of a cell, voxels of the surface. With 1.5 registering took 1 % longer, with 1 6 %, with trees alone 18 %
+/// Edge of a cell, voxels of the surface. Registering took 1 % longer with 1.5, 6 % with 1.0, and 18 % with trees alone
 /// (2026-11-30).
 const EDGE_VOXELS: f64 = 2.0;
 /// Cells per point at most. A surface has about one; stray points far away would have many.
 const MOST_CELLS_PER_POINT: f64 = 32.0;
+/// Cells at most, 16 MB: whole scenes have their tree.
+const MOST_CELLS: f64 = 4e6;
 /// Rounding moves a place across the border of its cell by less than this part of an edge.
 const ROUNDING: f64 = 1e-6;
-/// Rows of cells along x about that of a place, which is [1, 1], nearest first.
+/// Rows of cells along x about that of a place, which is [1, 1]: first those that share a side with it.
 const ROWS: [[usize; 2]; 9] = [[1, 1], [0, 1], [1, 0], [1, 2], [2, 1], [0, 0], [0, 2], [2, 0], [2, 2]];
 
 /// A point in its cell.
@@ -47,7 +49,8 @@ impl Cells {
         };
         let (low, high) = (bound(f64::min, f64::INFINITY), bound(f64::max, f64::NEG_INFINITY));
         let wanted = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / edge).floor() + 1.0);
-        let few = wanted.iter().product::<f64>() <= MOST_CELLS_PER_POINT * positions.len() as f64;
+        let most = MOST_CELLS.min(MOST_CELLS_PER_POINT * positions.len() as f64);
+        let few = wanted.iter().product::<f64>() <= most;
         if positions.is_empty() || !few || !(edge > 0.0 && edge.is_finite()) {
             return None;
         }
@@ -56,17 +59,17 @@ impl Cells {
             let along = |axis: usize| (((f64::from(p[axis]) - low[axis]) * per_edge) as usize).min(counts[axis] - 1);
             along(0) + counts[0] * (along(1) + counts[1] * along(2))
         };
+        // Counts, then ends of the cells, from which places are filled in backwards until these are the beginnings.
         let mut first = vec![0; counts.iter().product::<usize>() + 1];
-        positions.iter().for_each(|p| first[cell_of(p) + 1] += 1);
+        positions.iter().for_each(|p| first[cell_of(p)] += 1);
         for cell in 1..first.len() {
             first[cell] += first[cell - 1];
         }
-        let mut next = first.clone();
         let mut places = vec![Place { at: [0.0; 3], index: 0 }; positions.len()];
-        for (at, index) in positions.iter().zip(0..) {
-            let slot = &mut next[cell_of(at)];
-            places[*slot as usize] = Place { at: *at, index };
-            *slot += 1;
+        for (index, at) in positions.iter().enumerate().rev() {
+            let slot = &mut first[cell_of(at)];
+            *slot -= 1;
+            places[*slot as usize] = Place { at: *at, index: index as u32 };
         }
         Some(Self { low, edge, per_edge, counts, first, places })
     }
@@ -85,7 +88,7 @@ impl Cells {
             // From the faces of its cell, edges: the place lies so far above the lower and below the upper one.
             within[axis] = along - (along as i64) as f64;
         }
-        // Squared distances of the rows before, of and behind that, never more than those of points in them.
+        // Squared distances of the three rows and the three layers, never more than those of points in them.
         let squared = |edges: f64| {
             let distance = (edges - ROUNDING).max(0.0) * self.edge;
             distance * distance

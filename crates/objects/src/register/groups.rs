@@ -15,7 +15,6 @@ use super::options::RegisterOptions;
 use super::outcome::{posed_group, rejected, reports, target_from_reference};
 use super::report::InstanceRegistration;
 use super::sample::{FEW_GAUSSIANS, ObjectSurface};
-use super::together::MOST_STAND;
 use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Camera, Gaussians, PosedGroup, normal_seen_straight, up_direction};
@@ -23,6 +22,9 @@ use instgs_vk::scene::{Camera, Gaussians, PosedGroup, normal_seen_straight, up_d
 /// Objects larger than usual in their category by more than this factor are tried last as references: a mask that holds
 /// two objects makes a large one, and every object would fit a half of it.
 const OVERSIZE: f64 = 1.4;
+/// Axes that differ by more than this, radians (20 degrees), are not one: refinement finds the common axis of objects.
+const ANOTHER_AXIS: f64 = 0.35;
+
 /// Input of registration.
 #[derive(Clone, Copy, Debug)]
 pub struct RegisterInput<'a> {
@@ -73,11 +75,13 @@ pub fn register<'a>(
             Err(reason) => without_points.push(rejected(*id, name, 0, reason.clone())),
         }
     }
-    let (level, straight) = (up_direction(input.cameras), normal_seen_straight(input.cameras, &means_of(input.cloud)));
+    let level = up_direction(input.cameras);
+    let straight = normal_seen_straight(input.cameras, input.cloud.means.iter().map(|&mean| widened(mean)))
+        .filter(|normal| level.is_none_or(|up| up.angle_between(*normal) > ANOTHER_AXIS));
     let mut run = Run { up: level.or(straight), options, check, out: Registered::default() };
     let mut groups = run.groups(&classes)?;
     if let (Some(up), Some(normal)) = (level, straight)
-        && stand_rather_about(normal, up, &groups)
+        && (groups.is_empty() || Group::stand_rather_about(&groups, normal, up))
     {
         run = Run { up: straight, out: Registered::default(), ..run };
         groups = run.groups(&classes)?;
@@ -87,18 +91,6 @@ pub fn register<'a>(
     run.out.instances.extend(without_points);
     run.out.instances.sort_by_key(|i| i.instance);
     Ok(run.out)
-}
-
-/// Centres of the Gaussians, but for those that are not finite.
-fn means_of(cloud: &Gaussians) -> Vec<DVec3> {
-    cloud.means.iter().map(|&mean| widened(mean)).filter(|mean| mean.is_finite()).collect()
-}
-
-/// Whether objects stand upright about the normal of what the cameras look straight at rather than about `up`, the axis of the
-/// cameras. On a flight over a car park that is north, and they do; along a shelf they stand upright about both.
-fn stand_rather_about(normal: DVec3, up: DVec3, groups: &[Group<'_>]) -> bool {
-    let [about_normal, about_up] = [normal, up].map(|axis| Group::upright_part(groups, axis));
-    about_up < MOST_STAND && about_normal > about_up
 }
 
 pub(super) fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
@@ -291,22 +283,22 @@ mod tests {
     }
 
     /// From a flight that looks straight down the upper edges of pictures point north, or there and back. Objects that are turned
-    /// about the vertical are then aligned by turns about one axis, and stand upright.
+    /// about the vertical, if only by a few degrees, are then aligned by turns about one axis, and stand upright.
     #[test]
     fn objects_below_a_flight_stand_upright() -> Result<(), RegisterError> {
-        let (mut cloud, mut labels) = (Gaussians::with_capacity(0, 0), Vec::new());
-        for i in 0..6_u32 {
-            let place = DVec3::new(f64::from(i % 3) * 4.0, f64::from(i / 3) * 4.0, 0.0);
-            let turn = DMat3::from_rotation_z(0.9 * f64::from(i));
-            push(&mut cloud, &mut labels, i + 1, 500, Similarity::from_parts(turn, 1.0, place));
-        }
         let camera = |i: u32, up: DVec3| {
             let eye = DVec3::new(f64::from(i % 4) * 3.0, f64::from(i / 4) * 2.0, 9.0);
             Camera::look_at("", eye, eye + DVec3::NEG_Z, up, 0.9, (64, 48))
         };
-        for back in [DVec3::Y, DVec3::NEG_Y] {
-            let cameras: Vec<Camera> =
-                (0..16).map(|i| camera(i, if (i / 4).is_multiple_of(2) { DVec3::Y } else { back })).collect();
+        for (back, turn) in [(DVec3::Y, 0.9), (DVec3::NEG_Y, 0.9), (DVec3::Y, 0.02)] {
+            let (mut cloud, mut labels) = (Gaussians::with_capacity(0, 0), Vec::new());
+            for i in 0..6_u32 {
+                let place = DVec3::new(f64::from(i % 3) * 4.0, f64::from(i / 3) * 4.0, 0.0);
+                let turned = DMat3::from_rotation_z(turn * f64::from(i));
+                push(&mut cloud, &mut labels, i + 1, 500, Similarity::from_parts(turned, 1.0, place));
+            }
+            let up_of = |i: u32| if (i / 4).is_multiple_of(2) { DVec3::Y } else { back };
+            let cameras: Vec<Camera> = (0..16).map(|i| camera(i, up_of(i))).collect();
             let input = RegisterInput {
                 cloud: &cloud,
                 instance_of_gaussian: &labels,

@@ -13,7 +13,7 @@ use super::outcome::target_from_reference;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
 use super::spread::{PoseUncertainty, Spread};
-use super::together::{MOST_STAND, Member, Rival, common_axis, half_turned, refine_together, rivals_of, upright_part};
+use super::together::{Member, Rival, Stance, common_axis, half_turned, refine_together, rivals_of};
 use super::unions::Unions;
 
 /// From this many members on, all others together are better evidence than the reference alone.
@@ -22,6 +22,8 @@ const ENOUGH: usize = 3;
 /// back of one object differ by less.
 const WORTH_PICTURES: f64 = 1.25;
 
+/// Objects stand rather about an axis if their tilts are smaller by this factor: where all face one way both are about the same.
+const RATHER: f64 = 0.5;
 /// Poses that are turned against each other by less are one, radians (10 degrees).
 const SAME_POSE: f64 = 0.17;
 
@@ -59,10 +61,12 @@ impl<'a> Group<'a> {
         common_axis(groups.iter().flat_map(|group| &group.placed[1..]), up)
     }
 
-    /// The part of the objects of all groups, but for references, that stands upright about the axis which they have in common near
-    /// `up`.
-    pub(super) fn upright_part(groups: &[Self], up: DVec3) -> f64 {
-        upright_part(groups.iter().flat_map(|group| &group.placed[1..]), Self::axis_of(groups, up))
+    /// Whether objects stand upright about `normal`, that of what the cameras look straight at, rather than about `up`, the axis of the
+    /// cameras. Cars of a car park below a flight do, since `up` is the north there; goods on a shelf stand upright about both.
+    pub(super) fn stand_rather_about(groups: &[Self], normal: DVec3, up: DVec3) -> bool {
+        let others = || groups.iter().flat_map(|group| &group.placed[1..]);
+        let [about_normal, about_up] = [normal, up].map(|near| Stance::of(others(), Self::axis_of(groups, near)));
+        about_normal.is_upright() && about_normal.tilt < RATHER * about_up.tilt
     }
 
     /// Aligns the members with each other and replaces a pose by a rival that fits better. If most members stand
@@ -77,7 +81,7 @@ impl<'a> Group<'a> {
         options: &RegisterOptions,
     ) -> Result<Vec<Option<PoseUncertainty>>, RegisterError> {
         let (scale, all) = (options.allow_scale, &mut self.placed);
-        let upright = axis.filter(|axis| upright_part(all[1..].iter(), *axis) >= MOST_STAND);
+        let upright = axis.filter(|axis| Stance::of(all[1..].iter(), *axis).is_upright());
         refine_together(all, upright, scale);
         let unions = Unions::of_all(all);
         let rival = |(k, member): (usize, &Aligned<'_>)| {

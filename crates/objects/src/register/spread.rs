@@ -66,6 +66,7 @@ pub(super) struct Spread {
 }
 
 /// Deviation of a recomputed pose from the pose of the whole, in the target's frame.
+#[derive(Clone, Copy)]
 struct Deviation {
     /// Rotation vector, radians.
     turn: DVec3,
@@ -75,19 +76,20 @@ struct Deviation {
 
 impl Spread {
     /// Uncertainty of each member's pose; `costs` are those of their fits to the reference, the first member, whose own is
-    /// that of a usual fit. `None` without another member.
+    /// that of a usual fit. `None` without another member, and for the reference of two, whose pose is not refined.
     pub(super) fn of_all(&self, members: &[Member<'_>], costs: &[f64]) -> Vec<Option<PoseUncertainty>> {
-        let mut deviations: Vec<Vec<Deviation>> = members.iter().map(|_| Vec::with_capacity(HALVES)).collect();
-        for half in 0..HALVES {
+        let first = usize::from(members.len() == 2);
+        let of_half = |half: usize| -> Vec<Option<Deviation>> {
             let unions = Unions::new(members, |i| self.half_of(members[i].surface, half));
             let of = |k: usize| self.deviation(unions.without(k)?, members[k], half);
-            let found: Vec<Option<Deviation>> = (0..members.len()).into_par_iter().map(of).collect();
-            deviations.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
-        }
-        let of = |((found, member), &cost): ((&Vec<Deviation>, &Member<'_>), &f64)| {
-            (found.len() == HALVES).then(|| uncertainty(members[0].surface, *member, found, cost))
+            (0..members.len()).into_par_iter().map(|k| (k >= first).then(|| of(k)).flatten()).collect()
         };
-        deviations.par_iter().zip(members).zip(costs).map(of).collect()
+        let halves: Vec<Vec<Option<Deviation>>> = (0..HALVES).into_par_iter().map(of_half).collect();
+        let of = |k: usize| {
+            let found: Vec<Deviation> = halves.iter().map(|half| half[k]).collect::<Option<_>>()?;
+            Some(uncertainty(members[0].surface, members[k], &found, costs[k]))
+        };
+        (0..members.len()).into_par_iter().map(of).collect()
     }
 
     /// Recomputes a member's pose from a half of its Gaussians and `model`, the union of halves of the others.

@@ -74,8 +74,8 @@ impl Surface {
         }
     }
 
-    /// The point nearest to a place, and how far all others are at least; or `Beyond` if none is within `reach`, or there
-    /// are no points.
+    /// The point nearest to a place, and how far all others are at least; `Beyond` if there are no points, and in most cases if none
+    /// is within `reach`.
     fn near(&self, position: [f32; 3], reach: f64) -> Near {
         match self.cells.as_ref().map(|cells| cells.nearest_place(position)) {
             Some(Near::Beyond(least)) if least > reach => Near::Beyond(least),
@@ -162,7 +162,7 @@ mod tests {
         let surface = Surface::new(&(0..2000).map(|_| draw(&mut rng)).collect::<Vec<_>>(), 0.2);
         let mut places: Vec<DVec3> = (0..100).map(|_| 1.5 * rng.normal_vector()).collect();
         let mut followed = Followed::new(&surface, places.len());
-        let (mut kept, mut changed) = (0, 0);
+        let (mut kept, mut changed, mut kept_away) = (0, 0, 0);
         for step in 0..40 {
             for (i, place) in places.iter_mut().enumerate() {
                 *place += rng.normal_vector() * (0.1 * 0.8_f64.powi(step));
@@ -172,10 +172,11 @@ mod tests {
                 let want = surface.nearest(*place);
                 assert!(near == want || near.is_none() && want.is_some_and(|want| want.1 > reach));
                 let searched = followed.found[i].map(|f| f.0) != before;
+                kept_away += usize::from(!searched && near.is_none());
                 (kept, changed) = (kept + usize::from(!searched), changed + usize::from(searched));
             }
         }
-        assert!(kept > changed && changed > 200, "{kept} {changed}");
+        assert!(kept > changed && changed > 200 && kept_away > 100, "{kept} {changed} {kept_away}");
     }
 
     #[test]

@@ -18,7 +18,9 @@ const STEPS: usize = 12;
 /// Largest angle between the up axes of objects on one floor when registered alone, radians (4 degrees).
 const UPRIGHT: f64 = 0.07;
 /// Least part of the objects of a group that stands upright for the group to have an up axis.
-pub(super) const MOST_STAND: f64 = 2.0 / 3.0;
+const MOST_STAND: f64 = 2.0 / 3.0;
+/// Part of the objects, the least tilted, whose tilts tell two axes apart: a single pose may be wrong.
+const STANCE_PART: f64 = 0.8;
 /// Objects tilted by more than this from the cameras' up direction do not stand upright, radians (20 degrees): that
 /// direction is only accurate to some degrees.
 const FAR: f64 = 0.35;
@@ -131,14 +133,30 @@ fn tilt(pose: &Pose, axis: DVec3) -> f64 {
     (pose.rotation * axis).angle_between(axis)
 }
 
-/// The part of objects that stands upright, 0..=1.
-pub(super) fn upright_part<'a>(members: impl Iterator<Item = &'a Member<'a>>, axis: DVec3) -> f64 {
-    let (mut upright, mut count) = (0, 0);
-    for member in members {
-        count += 1;
-        upright += usize::from(upright_about(&member.pose, axis));
+/// How well objects stand upright about an axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stance {
+    /// The part of them that does, 0..=1.
+    pub upright: f64,
+    /// Root mean square of their tilts, radians, each at most [`FAR`], without the most tilted ones.
+    pub tilt: f64,
+}
+
+impl Stance {
+    /// Of objects about `axis`; all 0 without objects.
+    pub(super) fn of<'a>(members: impl Iterator<Item = &'a Member<'a>>, axis: DVec3) -> Self {
+        let mut tilts: Vec<f64> = members.map(|member| tilt(&member.pose, axis)).collect();
+        tilts.sort_by(f64::total_cmp);
+        let upright = tilts.iter().filter(|tilt| **tilt <= UPRIGHT).count();
+        let kept = (STANCE_PART * tilts.len() as f64).ceil() as usize;
+        let squares: f64 = tilts[..kept].iter().map(|tilt| tilt.min(FAR).powi(2)).sum();
+        Self { upright: upright as f64 / tilts.len().max(1) as f64, tilt: (squares / kept.max(1) as f64).sqrt() }
     }
-    upright as f64 / f64::from(count.max(1))
+
+    /// Whether so many stand upright that the axis is the up axis of all that are not tilted.
+    pub(super) fn is_upright(self) -> bool {
+        self.upright >= MOST_STAND
+    }
 }
 
 /// The turn about the axis that is nearest to the rotation.
