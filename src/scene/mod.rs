@@ -41,4 +41,4 @@ pub use point_cloud::PointCloud;
 pub use posed_group::{PosedGroup, PosedInstance};
 pub use repeated_bytes::RepeatedBytes;
 pub use source_layout::SourceLayout;
-pub use up::{normal_seen_straight, up_direction};
+pub use up::{UpAxes, up_direction};

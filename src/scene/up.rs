@@ -26,6 +26,29 @@ pub fn up_direction(cameras: &[Camera]) -> Option<DVec3> {
     Some(if up.dot(mean) < 0.0 { -up } else { up })
 }
 
+/// Axes that differ by more than this, radians (20 degrees), are not one: cameras are level to some degrees, and ground slopes.
+const ANOTHER_AXIS: f64 = 0.35;
+
+/// Axes that may be up: unit vectors of the world frame. Which one is tells what stands there: on a flight over a car park the cars
+/// stand upright about `straight`, on a shelf, which cameras look straight at as well, goods do about `level`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct UpAxes {
+    /// The axis that the cameras agree on: [`up_direction`].
+    pub level: Option<DVec3>,
+    /// What the cameras look straight at, if this is another axis: [`normal_seen_straight`].
+    pub straight: Option<DVec3>,
+}
+
+impl UpAxes {
+    /// Of cameras and the points that they see, in the world frame.
+    pub fn of(cameras: &[Camera], points: impl IntoIterator<Item = DVec3>) -> Self {
+        let level = up_direction(cameras);
+        let straight = normal_seen_straight(cameras, points)
+            .filter(|normal| level.is_none_or(|up| up.angle_between(*normal) > ANOTHER_AXIS));
+        Self { level, straight }
+    }
+}
+
 /// Points farther from their middle than this many times the median distance do not count: strays, and the horizon.
 const FAR: f64 = 3.0;
 /// Largest ratio of the standard deviations of the points along the normal of their plane and along its shorter side.
@@ -130,6 +153,18 @@ mod tests {
         for cameras in [north, there_and_back] {
             assert!(normal_seen_straight(&cameras, field()).unwrap().z > 0.999);
         }
+    }
+
+    /// What a slope has for its normal is the axis of the cameras that look down on it.
+    #[test]
+    fn one_axis_is_not_two() {
+        let leaning = DVec3::new(0.1, 0.2, 1.0).normalize();
+        let slope: Vec<DVec3> = field().into_iter().map(|p| p - DVec3::Z * 0.1 * p.x).collect();
+        let oblique = flight(DVec3::new(0.0, 0.6, -1.0), |_| leaning);
+        assert!(normal_seen_straight(&oblique, slope.clone()).is_some());
+        assert_eq!(UpAxes::of(&oblique, slope), UpAxes { level: up_direction(&oblique), straight: None });
+        let north = UpAxes::of(&flight(DVec3::NEG_Z, |_| DVec3::Y), field());
+        assert!(north.level.unwrap().y > 0.99 && north.straight.unwrap().z > 0.999);
     }
 
     /// Who looks along the ground, or at what is no plane, sees no normal.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use instgs_io::{Dataset, IoError, Split};
 use instgs_vk::math::sh::widened;
-use instgs_vk::scene::{Camera, PointCloud, normal_seen_straight, up_direction};
+use instgs_vk::scene::{Camera, PointCloud, UpAxes};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -18,9 +18,6 @@ const STRAYS: f64 = 0.02;
 const FEWEST_POINTS: usize = 16;
 /// Least number of training views of a block.
 const FEWEST_VIEWS: usize = 2;
-
-/// Axes that differ by more than this, radians (20 degrees), are not one: the ground may slope.
-const ANOTHER_AXIS: f64 = 0.35;
 
 /// How a data set is to be divided.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,7 +69,9 @@ pub fn divide(
         return Err(IoError::new(data, what).advise("give a denser point cloud, or fewer blocks"));
     }
     let shown_points: Vec<DVec3> = shown.iter().map(|&i| world[i]).collect();
-    let up = ground_normal(&training, &shown_points).ok_or_else(|| {
+    // On a flight what the cameras agree on is the north. A facade that is seen straight is divided along and across as well.
+    let UpAxes { level, straight } = UpAxes::of(&training, shown_points.iter().copied());
+    let up = straight.or(level).ok_or_else(|| {
         IoError::new(data, "its cameras do not agree on what is up, so there is no ground to divide")
             .advise("blocks are for captures whose cameras are about level, or look down on flat ground")
     })?;
@@ -112,13 +111,6 @@ pub fn divide(
         division.points.push([near, far].concat());
     }
     Ok(division)
-}
-
-/// The normal of the ground: the cameras' up axis, but that of the plane which they look straight at if this is another, as on a
-/// flight, whose pictures have the north above. A facade seen so is divided along and across as well.
-fn ground_normal(cameras: &[Camera], points: &[DVec3]) -> Option<DVec3> {
-    let (level, straight) = (up_direction(cameras), normal_seen_straight(cameras, points.iter().copied()));
-    straight.filter(|normal| level.is_none_or(|up| up.angle_between(*normal) > ANOTHER_AXIS)).or(level)
 }
 
 /// A part of the ground, and where its points lie without strays.

@@ -18,15 +18,6 @@ const SPEEDS: [f64; 2] = [1e-3, 1e3];
 /// Factor on the speed while Shift is held.
 const FAST: f64 = 5.0;
 
-/// Estimates the up axis of a data set, assuming that cameras are held upright on average. `None` without cameras, or
-/// if their up directions cancel out.
-pub fn vertical_of(cameras: &[Camera]) -> Option<DVec3> {
-    let sum: DVec3 = cameras.iter().map(|camera| -camera.rotation().row(1)).sum();
-    // The mean of n random directions has a length of about 1 / sqrt(n).
-    let mean = sum / cameras.len().max(1) as f64;
-    (mean.length() > 0.3).then(|| mean.normalize())
-}
-
 /// A camera that the user moves. Orbiting and zooming are relative to its target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Navigator {
@@ -424,16 +415,6 @@ mod tests {
             n.camera(SIZE).validate().unwrap();
             assert!(near(n.target(), target) && near(n.eye(), target - 5.0 * along), "{along}");
         }
-    }
-
-    #[test]
-    fn the_vertical_is_that_of_upright_cameras() {
-        let around = |up: DVec3| Orbit { center: DVec3::ZERO, distance: 3.0, up }.cameras(7, (64, 48));
-        for up in [DVec3::Z, -DVec3::Y, DVec3::new(0.6, 0.0, 0.8)] {
-            assert!(vertical_of(&around(up)).is_some_and(|found| found.distance(up) < 1e-9));
-        }
-        let both = [around(DVec3::X), around(-DVec3::X)].concat();
-        assert_eq!((vertical_of(&both), vertical_of(&[])), (None, None));
     }
 
     #[test]

@@ -17,14 +17,11 @@ use super::report::InstanceRegistration;
 use super::sample::{FEW_GAUSSIANS, ObjectSurface};
 use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Camera, Gaussians, PosedGroup, normal_seen_straight, up_direction};
+use instgs_vk::scene::{Camera, Gaussians, PosedGroup, UpAxes};
 
 /// Objects larger than usual in their category by more than this factor are tried last as references: a mask that holds
 /// two objects makes a large one, and every object would fit a half of it.
 const OVERSIZE: f64 = 1.4;
-/// Axes that differ by more than this, radians (20 degrees), are not one: refinement finds the common axis of objects.
-const ANOTHER_AXIS: f64 = 0.35;
-
 /// Input of registration.
 #[derive(Clone, Copy, Debug)]
 pub struct RegisterInput<'a> {
@@ -75,9 +72,7 @@ pub fn register<'a>(
             Err(reason) => without_points.push(rejected(*id, name, 0, reason.clone())),
         }
     }
-    let level = up_direction(input.cameras);
-    let straight = normal_seen_straight(input.cameras, input.cloud.means.iter().map(|&mean| widened(mean)))
-        .filter(|normal| level.is_none_or(|up| up.angle_between(*normal) > ANOTHER_AXIS));
+    let UpAxes { level, straight } = UpAxes::of(input.cameras, input.cloud.means.iter().map(|&mean| widened(mean)));
     let mut run = Run { up: level.or(straight), options, check, out: Registered::default() };
     let mut groups = run.groups(&classes)?;
     if let (Some(up), Some(normal)) = (level, straight)

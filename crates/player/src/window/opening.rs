@@ -17,7 +17,7 @@ use super::{Live, WindowJob, window_error};
 use crate::error::PlayerError;
 use crate::hud::{CameraPanel, Hud};
 use crate::hud_edit::EditPanel;
-use crate::navigation::{Navigator, vertical_of};
+use crate::navigation::Navigator;
 use crate::remembered::{Recent, Remembered};
 use crate::scene_viewer::SceneViewer;
 use crate::swapchain::{PresentMode, Swapchain};
@@ -30,8 +30,8 @@ use instgs_io::page::cameras_beside;
 use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
 use instgs_vk::kernels::open_tuned;
 use instgs_vk::render::Show;
-use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{InstancedScene, up_direction};
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
@@ -135,12 +135,12 @@ impl Live {
             }
         };
         let scene = opened.scene();
-        let orbit = Orbit::around(scene, job.up.or_else(|| vertical_of(&self.camera.data_views.list)));
+        // The cameras of a run say what is up, as its page has it.
+        let (data, beside) = (&self.camera.data_views.list, cameras_beside(&self.session.path).unwrap_or_default());
+        let views = if data.is_empty() { &beside } else { data };
+        let orbit = Orbit::around(scene, job.up.or_else(|| up_direction(views)));
         self.camera.home = Navigator::around(&orbit);
-        let taken = || cameras_beside(&self.session.path).ok()?.into_iter().next();
-        let (data, kept) = (self.camera.data_views.list.first(), self.camera.kept.list.first());
-        if let Some(camera) = data.or(kept).cloned().or_else(taken) {
-            let camera = &camera;
+        if let Some(camera) = data.first().or(self.camera.kept.list.first()).or(beside.first()) {
             self.camera.home.stand_at(camera);
             self.camera.home.aim_at(orbit.center);
         }

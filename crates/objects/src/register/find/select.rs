@@ -13,7 +13,7 @@ use crate::register::surface::Surface;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::widened;
 use instgs_vk::scene::ObjectBox;
-use instgs_vk::scene::up_direction;
+use instgs_vk::scene::UpAxes;
 
 /// Largest angle between an axis of the box and the cameras' up direction for the axis to be the up axis, radians (25
 /// degrees): the cameras' direction is inaccurate, most of all if all of them look down.
@@ -103,13 +103,22 @@ pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<S
     Ok(Selected { surface, scene, up, support, object_box, domain, ground })
 }
 
-/// The up axis: given, or an axis of the box near the cameras' direction, or that direction.
+/// The up axis: given; or the box's third axis if the cameras look straight along it; or an axis of the box near the cameras' up
+/// axis, or that. Without any it is the box's third axis. Boxes that stand upright on a shelf or in a wall have a level third axis
+/// only if they are drawn so.
 fn up_of(input: &FindInput<'_>) -> DVec3 {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| input.object.world_from_box * axis);
-    let given = input.up.and_then(DVec3::try_normalize);
-    let Some(rough) = given.or_else(|| up_direction(input.cameras)) else { return axes[2] };
-    let upright = axes.into_iter().flat_map(|axis| [axis, -axis]).find(|a| a.angle_between(rough) < BOX_UPRIGHT);
-    if given.is_some() { rough } else { upright.unwrap_or(rough) }
+    if let Some(given) = input.up.and_then(DVec3::try_normalize) {
+        return given;
+    }
+    let UpAxes { level, straight } = UpAxes::of(input.cameras, input.cloud.means.iter().map(|&mean| widened(mean)));
+    let near = |axis: &DVec3, rough: DVec3| axis.angle_between(rough) < BOX_UPRIGHT;
+    let along = straight.and_then(|normal| [axes[2], -axes[2]].into_iter().find(|axis| near(axis, normal)));
+    let upright = |rough: DVec3| {
+        let both = axes.into_iter().flat_map(|axis| [axis, -axis]);
+        both.into_iter().find(|axis| near(axis, rough)).unwrap_or(rough)
+    };
+    along.or_else(|| level.map(upright)).unwrap_or(axes[2])
 }
 
 /// Half the extent of a box along a unit vector.

@@ -21,8 +21,9 @@ use std::time::Instant;
 use instgs_io::View;
 use instgs_io::masks::Mask;
 use instgs_vk::gpu::Gpu;
+use instgs_vk::math::sh::widened;
 use instgs_vk::render::RenderOptions;
-use instgs_vk::scene::{Boxes, Camera, InstancedScene, up_direction};
+use instgs_vk::scene::{Boxes, Camera, InstancedScene, UpAxes};
 
 use super::error::SegmentError;
 use super::label::{LabelOptions, LabelProgress};
@@ -34,7 +35,7 @@ use claims::{claims_of_boxes, leave_out_far, settled};
 use join::{Joined, join};
 use placed::PlacedBoxes;
 use sets::BoxSets;
-use support::leave_out_support;
+use support::Supports;
 
 pub use draw::draw_masks;
 pub use report::{BoxObject, BoxReport, BoxSource};
@@ -207,15 +208,23 @@ impl Found {
         Ok(labels)
     }
 
+    /// Sets the labels of Gaussians on or below what their objects stand on to 0.
     fn leave_out_support(&mut self, cloud: &InstancedScene, labels: &mut [u16], seed: u64) {
-        let Some(up) = up_direction(&self.placed.cameras) else {
+        let background = &cloud.background;
+        let axes = UpAxes::of(&self.placed.cameras, background.means.iter().map(|&mean| widened(mean)));
+        let level = axes.level.map(|up| Supports::below(background, labels, up, seed));
+        let straight = axes.straight.map(|normal| Supports::behind(background, labels, normal, seed));
+        // On a flight, whose level axis is the north, objects stand on the ground; on a shelf, on its boards.
+        let Some(found) = level.into_iter().chain(straight).reduce(|a, b| if b.count() > a.count() { b } else { a })
+        else {
             let text = "the cameras give no up axis, so the ground below objects was not removed";
             self.report.notes.push(text.into());
             return;
         };
-        let support = leave_out_support(&cloud.background, labels, up, seed);
+        found.under.values().flatten().flatten().for_each(|&i| labels[i as usize] = 0);
         for object in &mut self.report.objects {
-            object.support = u16::try_from(object.id).ok().and_then(|id| *support.get(&id)?);
+            let under = u16::try_from(object.id).ok().and_then(|id| found.under.get(&id)?.as_ref());
+            object.support = under.map(Vec::len);
         }
     }
 }
