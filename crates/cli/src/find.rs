@@ -34,7 +34,8 @@ pub(super) struct FindArgs {
     /// Id of the selected object, needed if the file has several
     #[arg(long, value_name = "ID")]
     object: Option<u32>,
-    /// Dataset folder, whose training views give the up axis [default: the box's third axis]
+    /// Dataset folder, whose training views give the up axis, and the ground of flights that look straight down [default: the box's
+    /// third axis]
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// File of boxes to write

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::DVec3;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle, RawWindowHandle};
 use winit::dpi::PhysicalSize;
 use winit::event_loop::ActiveEventLoop;
@@ -29,9 +30,10 @@ use instgs_io::IoError;
 use instgs_io::page::cameras_beside;
 use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
 use instgs_vk::kernels::open_tuned;
+use instgs_vk::math::sh::widened;
 use instgs_vk::render::Show;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{InstancedScene, up_direction};
+use instgs_vk::scene::{Camera, InstancedScene, UpAxes, up_direction};
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
@@ -135,10 +137,9 @@ impl Live {
             }
         };
         let scene = opened.scene();
-        // The cameras of a run say what is up, as its page has it.
-        let (data, beside) = (&self.camera.data_views.list, cameras_beside(&self.session.path).unwrap_or_default());
-        let views = if data.is_empty() { &beside } else { data };
-        let orbit = Orbit::around(scene, job.up.or_else(|| up_direction(views)));
+        let data = &self.camera.data_views.list;
+        let beside = if data.is_empty() { cameras_beside(&self.session.path).unwrap_or_default() } else { Vec::new() };
+        let orbit = Orbit::around(scene, job.up.or_else(|| up_direction(data)).or_else(|| up_of_run(&beside, scene)));
         self.camera.home = Navigator::around(&orbit);
         if let Some(camera) = data.first().or(self.camera.kept.list.first()).or(beside.first()) {
             self.camera.home.stand_at(camera);
@@ -238,4 +239,11 @@ fn open_device(window: Arc<Window>, job: &WindowJob, mode: PresentMode) -> Resul
 fn handles(window: &Window) -> Result<(RawDisplayHandle, RawWindowHandle), PlayerError> {
     let display = window.display_handle().map_err(window_error)?.as_raw();
     Ok((display, window.window_handle().map_err(window_error)?.as_raw()))
+}
+
+/// The up axis of a run's cameras, as its page has it; `None` if they look straight at the scene's background: then it may be the north
+/// of a flight, and the scene itself tells more.
+fn up_of_run(cameras: &[Camera], scene: &InstancedScene) -> Option<DVec3> {
+    let axes = UpAxes::of(cameras, scene.background.means.iter().map(|&mean| widened(mean)));
+    axes.level.filter(|_| axes.straight.is_none())
 }

@@ -50,8 +50,8 @@ pub struct FindInput<'a> {
     /// Box around the selected object: it should contain the whole object and little else; the ground below does no
     /// harm.
     pub object: &'a ObjectBox,
-    /// Up direction, world frame; `None` = the box's axis nearest to the cameras' up direction, or its third axis
-    /// without cameras.
+    /// Up direction, world frame; `None` = the box's axis nearest to the cameras' up direction, or to the normal of what they look
+    /// straight at if that one finds nothing, or its third axis without cameras.
     pub up: Option<DVec3>,
 }
 
@@ -131,7 +131,9 @@ pub enum FindError {
 /// Progress callback; `Break` stops with [`FindError::Stopped`].
 pub type FindTold<'a> = dyn FnMut(FindProgress) -> ControlFlow<()> + 'a;
 
-/// Finds the repetitions of the selected object. The result is deterministic and independent of the number of threads.
+/// Finds the repetitions of the selected object. The result is deterministic and independent of the number of threads. If there are
+/// none about the cameras' up axis, and the cameras look straight at a plane, as on a flight, its normal is tried; progress then begins
+/// again.
 ///
 /// # Errors
 /// Arrays of wrong length; an invalid camera or option; a box with too few Gaussians; a stop by the callback.
@@ -141,7 +143,28 @@ pub fn find_alike(input: &FindInput<'_>, options: &FindOptions, told: &mut FindT
         return Err(RegisterError::Cloud { array, len, want }.into());
     }
     input.cameras.iter().try_for_each(Camera::validate).map_err(RegisterError::Camera)?;
-    let selected = select::selected(input, options)?;
+    let (up, other) = select::up_axes(input);
+    let found = find_about(input, up, options, told);
+    let is_nothing = match &found {
+        Ok(found) => found.objects.is_empty(),
+        Err(error) => matches!(error, FindError::Selection { .. }),
+    };
+    let Some(other) = other.filter(|_| is_nothing) else { return found };
+    match find_about(input, other, options, told) {
+        Ok(again) if !again.objects.is_empty() => Ok(again),
+        Err(stopped @ FindError::Stopped) => Err(stopped),
+        _ => found,
+    }
+}
+
+/// [`find_alike`] with `up` as the up axis.
+fn find_about(
+    input: &FindInput<'_>,
+    up: DVec3,
+    options: &FindOptions,
+    told: &mut FindTold<'_>,
+) -> Result<Found, FindError> {
+    let selected = select::selected(input, up, options)?;
     let reach = LARGEST * selected.object_box.size.length();
     let splats = picture::splats(input.cloud, selected.surface.centroid, reach);
     let frame = pattern::wall_frame(&selected, input.cameras, &splats);

@@ -73,15 +73,14 @@ impl Selected {
     }
 }
 
-/// Selects the contents of the box.
+/// Selects the contents of the box, with `up` as the up axis.
 ///
 /// # Errors
 /// A box with too few surface Gaussians in it.
-pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<Selected, FindError> {
+pub(super) fn selected(input: &FindInput<'_>, up: DVec3, options: &FindOptions) -> Result<Selected, FindError> {
     let FindInput { cloud, cameras, object, .. } = *input;
     let surfaces = &options.surfaces;
     let fail = |what: String| FindError::Selection { id: object.id, what };
-    let up = up_of(input);
     let opaque: Vec<u32> =
         (0..cloud.len() as u32).filter(|&i| is_opaque(cloud, i as usize, 0.5 * surfaces.min_opacity)).collect();
     let place = |i: u32| widened(cloud.means[i as usize]);
@@ -103,22 +102,21 @@ pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<S
     Ok(Selected { surface, scene, up, support, object_box, domain, ground })
 }
 
-/// The up axis: given; or the box's third axis if the cameras look straight along it; or an axis of the box near the cameras' up
-/// axis, or that. Without any it is the box's third axis. Boxes that stand upright on a shelf or in a wall have a level third axis
-/// only if they are drawn so.
-fn up_of(input: &FindInput<'_>) -> DVec3 {
+/// The up axis of a search, and the one to try if that finds nothing. Given; or the axis of the box nearest to the cameras' up axis,
+/// or that, and then the same for what the cameras look straight at: the ground of a flight, or a wall. Without any it is the box's
+/// third axis.
+pub(super) fn up_axes(input: &FindInput<'_>) -> (DVec3, Option<DVec3>) {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| input.object.world_from_box * axis);
     if let Some(given) = input.up.and_then(DVec3::try_normalize) {
-        return given;
+        return (given, None);
     }
-    let UpAxes { level, straight } = UpAxes::of(input.cameras, input.cloud.means.iter().map(|&mean| widened(mean)));
-    let near = |axis: &DVec3, rough: DVec3| axis.angle_between(rough) < BOX_UPRIGHT;
-    let along = straight.and_then(|normal| [axes[2], -axes[2]].into_iter().find(|axis| near(axis, normal)));
     let upright = |rough: DVec3| {
-        let both = axes.into_iter().flat_map(|axis| [axis, -axis]);
-        both.into_iter().find(|axis| near(axis, rough)).unwrap_or(rough)
+        let mut both = axes.into_iter().flat_map(|axis| [axis, -axis]);
+        both.find(|axis| axis.angle_between(rough) < BOX_UPRIGHT).unwrap_or(rough)
     };
-    along.or_else(|| level.map(upright)).unwrap_or(axes[2])
+    let UpAxes { level, straight } = UpAxes::of(input.cameras, input.cloud.means.iter().map(|&mean| widened(mean)));
+    let (level, straight) = (level.map(upright), straight.map(upright));
+    (level.or(straight).unwrap_or(axes[2]), level.and(straight))
 }
 
 /// Half the extent of a box along a unit vector.
@@ -198,4 +196,40 @@ fn scene_surface(
     let mut samples = drawn(&all, step, Rng::new(limits.seed).fork(SCENE_STREAM));
     samples.iter_mut().for_each(|s| s.position -= surface.centroid);
     Surface::new(&samples, surface.levels[BASE].voxel)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+    use instgs_vk::scene::{Camera, Gaussians};
+
+    use super::*;
+
+    /// A flight over a field with the north above is searched about the north first, then about the vertical.
+    #[test]
+    fn a_flight_has_two_axes_to_try() {
+        let mut cloud = Gaussians::with_capacity(0, 0);
+        let mut rng = Rng::new(5);
+        cloud.means.extend((0..500).map(|_| [rng.range(0.0, 9.0) as f32, rng.range(0.0, 9.0) as f32, 0.0]));
+        let camera = |i: u32, up: DVec3| {
+            let eye = DVec3::new(f64::from(i), 4.0, 9.0);
+            Camera::look_at("", eye, eye + DVec3::NEG_Z, up, 0.9, (64, 48))
+        };
+        let there_and_back = |i: u32| if i.is_multiple_of(2) { DVec3::X } else { DVec3::NEG_X };
+        let north: Vec<Camera> = (0..8).map(|i| camera(i, DVec3::Y)).collect();
+        let both: Vec<Camera> = (0..8).map(|i| camera(i, there_and_back(i))).collect();
+        let lying = DQuat::from_rotation_x(1.5);
+        let found = |cameras: &[Camera], world_from_box: DQuat, up: Option<DVec3>| {
+            let size = DVec3::ONE;
+            let object = ObjectBox { id: 1, category: None, center: DVec3::ZERO, size, world_from_box };
+            up_axes(&FindInput { cloud: &cloud, cameras, object: &object, up })
+        };
+        assert_eq!(found(&north, DQuat::IDENTITY, None), (DVec3::Y, Some(DVec3::Z)));
+        assert_eq!(found(&both, DQuat::IDENTITY, None), (DVec3::Z, None));
+        assert_eq!(found(&[], lying, None), (lying * DVec3::Z, None));
+        assert_eq!(found(&north, DQuat::IDENTITY, Some(DVec3::X * 2.0)), (DVec3::X, None));
+        // The axes of a box that is about upright are more exact.
+        let (first, second) = found(&north, lying, None);
+        assert_eq!((first, second), (-(lying * DVec3::Z), Some(lying * DVec3::Y)));
+    }
 }
