@@ -4,6 +4,8 @@ use glam::{DMat3, DVec3};
 
 use super::camera::Camera;
 use crate::math::eigen::symmetric_eigen;
+use crate::math::sh::widened;
+use crate::math::statistics::median;
 
 /// Weight of the prior, the mean of the cameras' up vectors, per camera. Cameras are level within some degrees, about
 /// 0.001 in squared sine; where the view directions span less than 8 degrees, below 0.02, the prior decides.
@@ -35,13 +37,15 @@ const ANOTHER_AXIS: f64 = 0.35;
 pub struct UpAxes {
     /// The axis that the cameras agree on: [`up_direction`].
     pub level: Option<DVec3>,
-    /// What the cameras look straight at, if this is another axis: [`normal_seen_straight`].
+    /// The normal, towards the cameras, of the plane in which the points roughly lie, if the cameras look straight at it, as on a flight
+    /// over a field or along a facade, and if it is another axis. The upper edges of such pictures may point anywhere within the
+    /// plane: `level` of a flight is the north.
     pub straight: Option<DVec3>,
 }
 
 impl UpAxes {
-    /// Of cameras and the points that they see, in the world frame.
-    pub fn of(cameras: &[Camera], points: impl IntoIterator<Item = DVec3>) -> Self {
+    /// Of cameras and the points that they see, in the world frame. Points are not asked for if the cameras look into all directions.
+    pub fn of(cameras: &[Camera], points: impl IntoIterator<Item = [f32; 3]>) -> Self {
         let level = up_direction(cameras);
         let straight = normal_seen_straight(cameras, points)
             .filter(|normal| level.is_none_or(|up| up.angle_between(*normal) > ANOTHER_AXIS));
@@ -58,18 +62,15 @@ const WIDE: f64 = 1e-4;
 /// Least mean cosine between the normal and the cameras' axes: 37 degrees from straight at it.
 const STRAIGHT: f64 = 0.8;
 
-/// The normal, towards the cameras, of the plane in which points roughly lie, if the cameras look straight at it, as on a flight over a
-/// field or along a facade. The upper edges of such pictures may point anywhere within the plane, so that [`up_direction`] of a
-/// flight is no up axis. `None` if the points do not lie in a plane, or are not seen so; then they are not always asked for.
-/// Points and the unit vector are in the world frame.
-pub fn normal_seen_straight(cameras: &[Camera], points: impl IntoIterator<Item = DVec3>) -> Option<DVec3> {
+/// [`UpAxes::straight`], even if it is no other axis than `level`.
+fn normal_seen_straight(cameras: &[Camera], points: impl IntoIterator<Item = [f32; 3]>) -> Option<DVec3> {
     let forward = cameras.iter().map(|c| c.rotation().row(2)).filter(|axis| axis.is_finite());
     let forward = forward.sum::<DVec3>() / cameras.len().max(1) as f64;
-    // Cameras that look into all directions look straight at nothing.
+    // The cosine below is no more than this.
     if forward.length() < STRAIGHT {
         return None;
     }
-    let near = without_far(points.into_iter().filter(|p| p.is_finite()).collect());
+    let near = without_far(points.into_iter().map(widened).filter(|p| p.is_finite()).collect());
     let mean = near.iter().sum::<DVec3>() / near.len().max(1) as f64;
     let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
     let spread = near.iter().fold(DMat3::ZERO, |sum, &p| sum + outer(p - mean));
@@ -82,13 +83,9 @@ pub fn normal_seen_straight(cameras: &[Camera], points: impl IntoIterator<Item =
 
 /// The points that are not far from the middle of all.
 fn without_far(mut points: Vec<DVec3>) -> Vec<DVec3> {
-    let median = |mut values: Vec<f64>| {
-        let middle = values.len() / 2;
-        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
-    };
-    let along = |axis: usize| median(points.iter().map(|p| p[axis]).collect());
+    let along = |axis: usize| median(&points.iter().map(|p| p[axis]).collect::<Vec<f64>>());
     let middle = DVec3::new(along(0), along(1), along(2));
-    let limit = FAR * median(points.iter().map(|p| p.distance(middle)).collect());
+    let limit = FAR * median(&points.iter().map(|p| p.distance(middle)).collect::<Vec<f64>>());
     points.retain(|p| p.distance(middle) <= limit);
     points
 }
@@ -129,13 +126,17 @@ mod tests {
         assert!(degrees(up_direction(&still).unwrap()) > 60.0);
     }
 
+    fn narrowed(point: DVec3) -> [f32; 3] {
+        point.as_vec3().to_array()
+    }
+
     /// A field of 40 by 20 with plants up to 1 high, and points on the horizon.
-    fn field() -> Vec<DVec3> {
+    fn field() -> Vec<[f32; 3]> {
         let mut rng = Rng::new(3);
         let mut draw = || DVec3::new(rng.range(0.0, 40.0), rng.range(0.0, 20.0), rng.range(0.0, 1.0));
         let mut points: Vec<DVec3> = (0..2000).map(|_| draw()).collect();
         points.extend((0..40).map(|i| DVec3::new(900.0, f64::from(i) * 20.0, 300.0)));
-        points
+        points.into_iter().map(narrowed).collect()
     }
 
     /// Cameras above the field that look along a direction, with their upper edges along `up_of` each.
@@ -155,12 +156,12 @@ mod tests {
         }
     }
 
-    /// What a slope has for its normal is the axis of the cameras that look down on it.
+    /// The normal of a slope that cameras look down on from all sides is their axis.
     #[test]
     fn one_axis_is_not_two() {
-        let leaning = DVec3::new(0.1, 0.2, 1.0).normalize();
-        let slope: Vec<DVec3> = field().into_iter().map(|p| p - DVec3::Z * 0.1 * p.x).collect();
-        let oblique = flight(DVec3::new(0.0, 0.6, -1.0), |_| leaning);
+        let slope: Vec<[f32; 3]> = field().into_iter().map(|[x, y, z]| [x, y, z - 0.1 * x]).collect();
+        let sides = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
+        let oblique = sides.map(|side| flight(0.6 * side - DVec3::Z, |_| DVec3::Z)).concat();
         assert!(normal_seen_straight(&oblique, slope.clone()).is_some());
         assert_eq!(UpAxes::of(&oblique, slope), UpAxes { level: up_direction(&oblique), straight: None });
         let north = UpAxes::of(&flight(DVec3::NEG_Z, |_| DVec3::Y), field());
@@ -172,10 +173,11 @@ mod tests {
     fn others_see_none() {
         let (level, down) = (flight(DVec3::X, |_| DVec3::Z), flight(DVec3::NEG_Z, |_| DVec3::Y));
         let mut rng = Rng::new(4);
-        let ball: Vec<DVec3> = (0..500).map(|_| rng.unit_vector() * 9.0).collect();
-        let line: Vec<DVec3> = (0..500).map(|i| DVec3::Y * f64::from(i)).collect();
-        let of_level = [field(), line.clone(), vec![DVec3::ONE; 9], vec![DVec3::NAN], Vec::new()].map(|p| (&level, p));
-        let of_down = [ball, line, vec![DVec3::ONE; 9], Vec::new()].map(|p| (&down, p));
+        let ball: Vec<[f32; 3]> = (0..500).map(|_| narrowed(rng.unit_vector() * 9.0)).collect();
+        let line: Vec<[f32; 3]> = (0..500_u16).map(|i| [0.0, f32::from(i), 0.0]).collect();
+        let one = vec![[1.0; 3]; 9];
+        let of_level = [field(), line.clone(), one.clone(), vec![[f32::NAN; 3]], Vec::new()].map(|p| (&level, p));
+        let of_down = [ball, line, one, Vec::new()].map(|p| (&down, p));
         for (cameras, points) in of_level.into_iter().chain(of_down).chain([(&Vec::new(), field())]) {
             assert_eq!(normal_seen_straight(cameras, points), None);
         }

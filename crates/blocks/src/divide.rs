@@ -70,7 +70,7 @@ pub fn divide(
     }
     let shown_points: Vec<DVec3> = shown.iter().map(|&i| world[i]).collect();
     // On a flight what the cameras agree on is the north. A facade that is seen straight is divided along and across as well.
-    let UpAxes { level, straight } = UpAxes::of(&training, shown_points.iter().copied());
+    let UpAxes { level, straight } = UpAxes::of(&training, shown.iter().map(|&i| points.positions[i]));
     let up = straight.or(level).ok_or_else(|| {
         IoError::new(data, "its cameras do not agree on what is up, so there is no ground to divide")
             .advise("blocks are for captures whose cameras are about level, or look down on flat ground")

@@ -30,7 +30,7 @@ pub(super) struct Cells {
     low: [f64; 3],
     /// Edge of a cell, units of the points.
     edge: f64,
-    /// One over that.
+    /// One over the edge, since a search is faster with products than with quotients.
     per_edge: f64,
     /// Number of cells along each axis.
     counts: [usize; 3],
@@ -132,7 +132,7 @@ impl Cells {
 /// What is known about the point nearest to a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Near {
-    /// It is this one.
+    /// The nearest point, and how far all others are at least.
     Place(NearestPlace),
     /// None is nearer than this, units of the points.
     Beyond(f64),

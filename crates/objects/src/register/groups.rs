@@ -15,7 +15,6 @@ use super::options::RegisterOptions;
 use super::outcome::{posed_group, rejected, reports, target_from_reference};
 use super::report::InstanceRegistration;
 use super::sample::{FEW_GAUSSIANS, ObjectSurface};
-use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Camera, Gaussians, PosedGroup, UpAxes};
 
@@ -72,9 +71,10 @@ pub fn register<'a>(
             Err(reason) => without_points.push(rejected(*id, name, 0, reason.clone())),
         }
     }
-    let UpAxes { level, straight } = UpAxes::of(input.cameras, input.cloud.means.iter().map(|&mean| widened(mean)));
+    let UpAxes { level, straight } = UpAxes::of(input.cameras, input.cloud.means.iter().copied());
     let mut run = Run { up: level.or(straight), options, check, out: Registered::default() };
     let mut groups = run.groups(&classes)?;
+    // On a flight `level` is the north: then turns about it were tried, and half turns about it would be.
     if let (Some(up), Some(normal)) = (level, straight)
         && (groups.is_empty() || Group::stand_rather_about(&groups, normal, up))
     {

@@ -137,7 +137,7 @@ fn tilt(pose: &Pose, axis: DVec3) -> f64 {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stance {
     /// The part of them that does, 0..=1.
-    pub upright: f64,
+    pub upright_part: f64,
     /// Root mean square of their tilts, radians, each at most [`FAR`], without the most tilted ones.
     pub tilt: f64,
 }
@@ -150,12 +150,12 @@ impl Stance {
         let upright = tilts.iter().filter(|tilt| **tilt <= UPRIGHT).count();
         let kept = (STANCE_PART * tilts.len() as f64).ceil() as usize;
         let squares: f64 = tilts[..kept].iter().map(|tilt| tilt.min(FAR).powi(2)).sum();
-        Self { upright: upright as f64 / tilts.len().max(1) as f64, tilt: (squares / kept.max(1) as f64).sqrt() }
+        Self { upright_part: upright as f64 / tilts.len().max(1) as f64, tilt: (squares / kept.max(1) as f64).sqrt() }
     }
 
     /// Whether so many stand upright that the axis is the up axis of all that are not tilted.
     pub(super) fn is_upright(self) -> bool {
-        self.upright >= MOST_STAND
+        self.upright_part >= MOST_STAND
     }
 }
 

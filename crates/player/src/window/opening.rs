@@ -30,7 +30,6 @@ use instgs_io::IoError;
 use instgs_io::page::cameras_beside;
 use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
 use instgs_vk::kernels::open_tuned;
-use instgs_vk::math::sh::widened;
 use instgs_vk::render::Show;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene, UpAxes, up_direction};
@@ -244,6 +243,6 @@ fn handles(window: &Window) -> Result<(RawDisplayHandle, RawWindowHandle), Playe
 /// The up axis of a run's cameras, as its page has it; `None` if they look straight at the scene's background: then it may be the north
 /// of a flight, and the scene itself tells more.
 fn up_of_run(cameras: &[Camera], scene: &InstancedScene) -> Option<DVec3> {
-    let axes = UpAxes::of(cameras, scene.background.means.iter().map(|&mean| widened(mean)));
+    let axes = UpAxes::of(cameras, scene.background.means.iter().copied());
     axes.level.filter(|_| axes.straight.is_none())
 }

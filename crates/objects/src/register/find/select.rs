@@ -114,7 +114,7 @@ pub(super) fn up_axes(input: &FindInput<'_>) -> (DVec3, Option<DVec3>) {
         let mut both = axes.into_iter().flat_map(|axis| [axis, -axis]);
         both.find(|axis| axis.angle_between(rough) < BOX_UPRIGHT).unwrap_or(rough)
     };
-    let UpAxes { level, straight } = UpAxes::of(input.cameras, input.cloud.means.iter().map(|&mean| widened(mean)));
+    let UpAxes { level, straight } = UpAxes::of(input.cameras, input.cloud.means.iter().copied());
     let (level, straight) = (level.map(upright), straight.map(upright));
     (level.or(straight).unwrap_or(axes[2]), level.and(straight))
 }

@@ -21,7 +21,6 @@ use std::time::Instant;
 use instgs_io::View;
 use instgs_io::masks::Mask;
 use instgs_vk::gpu::Gpu;
-use instgs_vk::math::sh::widened;
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{Boxes, Camera, InstancedScene, UpAxes};
 
@@ -211,7 +210,7 @@ impl Found {
     /// Sets the labels of Gaussians on or below what their objects stand on to 0.
     fn leave_out_support(&mut self, cloud: &InstancedScene, labels: &mut [u16], seed: u64) {
         let background = &cloud.background;
-        let axes = UpAxes::of(&self.placed.cameras, background.means.iter().map(|&mean| widened(mean)));
+        let axes = UpAxes::of(&self.placed.cameras, background.means.iter().copied());
         let level = axes.level.map(|up| Supports::below(background, labels, up, seed));
         let straight = axes.straight.map(|normal| Supports::behind(background, labels, normal, seed));
         // On a flight, whose level axis is the north, objects stand on the ground; on a shelf, on its boards.
