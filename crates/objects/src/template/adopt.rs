@@ -2,7 +2,7 @@
 
 use super::instance_cloud::InstanceCloud;
 use super::offsets::push_offsets;
-use super::options::{OffsetKinds, TemplateOptions, Unmatched};
+use super::options::{Doubles, OffsetKinds, TemplateOptions, Unmatched};
 use super::template_cloud::TemplateCloud;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Gaussians, Offsets};
@@ -47,7 +47,9 @@ impl Adopter {
         let all: Vec<u32> = (0..object.len() as u32).collect();
         let cloud = InstanceCloud::new(object, &all, world_from_template);
         let mut out = Adopted { own: Gaussians::with_capacity(object.sh_degree, 0), ..Adopted::default() };
-        let options = TemplateOptions { kinds, unmatched, ..TemplateOptions::default() };
+        // What is adopted is looked at, and not trained.
+        let doubles = Doubles::Alike;
+        let options = TemplateOptions { kinds, unmatched, doubles, ..TemplateOptions::default() };
         let common = push_offsets(&self.template, object, &cloud, &options, &mut out.offsets);
         out.lacking = common.lacking;
         if !kinds.any() {
@@ -68,7 +70,9 @@ mod tests {
     use glam::{DMat3, DVec3};
 
     use super::*;
+    use instgs_vk::math::covariance::{covariance, normalised_quat, quat_multiply};
     use instgs_vk::math::rng::Rng;
+    use instgs_vk::math::sh::widened;
     use instgs_vk::scene::{Instance, InstancedScene, SourceRange};
 
     fn template(count: usize) -> Gaussians {
@@ -82,6 +86,44 @@ mod tests {
             out.sh.extend((0..4).map(|_| rng.normal_vector().as_vec3().to_array()));
         }
         out
+    }
+
+    /// The axes of a Gaussian may be in any order: offsets of shape go from each of the template's to the one that lies along it, and
+    /// give the object's ellipsoids.
+    #[test]
+    fn offsets_of_shape_pair_axes_that_lie_along_each_other() {
+        let mut rng = Rng::new(5);
+        let mut template = template(150);
+        // As training leaves them, quaternions have any length.
+        template.quats.iter_mut().for_each(|quat| *quat = quat.map(|v| 3.0 * v));
+        template.log_scales.iter_mut().for_each(|logs| *logs = [0.0, 1.0, 2.0].map(|v| v - 4.0));
+        let mut object = template.clone();
+        for (quat, logs) in object.quats.iter_mut().zip(&mut object.log_scales) {
+            // A third of a turn about (1, 1, 1): each axis of the object is the template's next one.
+            let turned = quat_multiply(quat.map(f64::from), [-0.5; 4]);
+            let little = rng.rotation_quat().map(|v| 0.03 * v);
+            let turned = quat_multiply(turned, [1.0 + little[0], little[1], little[2], little[3]]);
+            *quat = normalised_quat(turned).map(|v| v as f32);
+            *logs = [logs[1] + 0.1, logs[2], logs[0]];
+        }
+        let kinds = OffsetKinds { covariance: true, ..OffsetKinds::default() };
+        let adopted = Adopter::new(template.clone()).adopt(&object, &Similarity::IDENTITY, kinds, Unmatched::Drop);
+        assert_eq!((adopted.lacking, adopted.offsets.len()), (0, 150));
+        for i in 0..150 {
+            let (logs, quat) = (adopted.offsets.log_scales[i], adopted.offsets.quats[i]);
+            assert!((logs[1] - 0.1).abs() < 1e-4 && logs[0].abs() + logs[2].abs() < 1e-4, "{i}: {logs:?}");
+            assert!(quat.iter().all(|v| v.abs() < 3.0 * 0.1), "{i}: {quat:?}");
+            let sum = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(a + b)).collect::<Vec<_>>();
+            let quat = sum(&template.quats[i], &quat);
+            let logs = sum(&template.log_scales[i], &logs);
+            let got = covariance([quat[0], quat[1], quat[2], quat[3]], DVec3::new(logs[0], logs[1], logs[2]));
+            let want = covariance(object.quats[i].map(f64::from), widened(object.log_scales[i]));
+            let error = (got - want).to_cols_array().iter().fold(0.0f64, |most, v| most.max(v.abs()));
+            assert!(
+                error < 1e-5 * want.to_cols_array().iter().fold(0.0f64, |most, v| most.max(v.abs())),
+                "{i}: {error}"
+            );
+        }
     }
 
     /// An object that is the template moved a little and coloured anew, and has ten Gaussians beside it, far off.

@@ -186,7 +186,7 @@ fn draw_template(
     let drawn: Vec<_> = drawn.into_iter().map(|i| origins[i as usize]).collect();
     let mut template = TemplateCloud::new(cloud, &drawn);
     if options.source == TemplateSource::Merge {
-        template = settle(template, cloud, instances, options.settle_rounds);
+        template = settle(template, cloud, instances, options);
     }
     if options.keep == Keep::PositionAndColour {
         template.renew();

@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use instgs_vk::math::covariance::{normalised_quat, quat_from_rotation, quat_multiply};
+use instgs_vk::math::log_covariance::Shape;
 use instgs_vk::math::sh::{ShRotation, widened};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::Gaussians;
@@ -47,6 +48,14 @@ impl TemplateFromWorld {
     /// World log scales in the template's units.
     pub(super) fn log_scales(&self, log_scales_world: [f32; 3]) -> [f32; 3] {
         log_scales_world.map(|v| (f64::from(v) - self.ln_scale) as f32)
+    }
+
+    /// The shape of a Gaussian of the world's `cloud`, in the template's frame and units.
+    pub(super) fn shape(&self, cloud: &Gaussians, i: usize) -> Shape {
+        Shape {
+            quat: self.quat(cloud.quats[i]).map(f64::from),
+            log_scales: self.log_scales(cloud.log_scales[i]).map(f64::from),
+        }
     }
 
     /// SH coefficients of a Gaussian, rotated to the template's frame.

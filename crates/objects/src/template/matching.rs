@@ -1,12 +1,16 @@
 //! Matches each template Gaussian to one of an instance's Gaussians in the cloud.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::instance_cloud::InstanceCloud;
 use super::offsets::{LACKING_LOGIT, clamped_logit};
+use super::options::Doubles;
 use super::template_cloud::TemplateCloud;
-use instgs_vk::math::covariance::{logit, sigmoid};
+use instgs_vk::math::covariance::{logit, rotation_from_quat, sigmoid};
+use instgs_vk::math::log_covariance::Shape;
 use instgs_vk::math::nearest::{Neighbour, PointSet};
+use instgs_vk::math::sh::widened;
 use instgs_vk::scene::Gaussians;
 
 /// Number of nearest Gaussians of the instance that a template Gaussian may be matched to.
@@ -14,6 +18,10 @@ const CANDIDATES: usize = 16;
 /// Cost of a difference in size: a Gaussian larger by the factor e in area counts as this many squared spacings farther
 /// away. Shapes have no offsets, so a match of the right size is better.
 const AREA_WEIGHT: f64 = 3.0;
+/// Divisor of the longest axis of halves, as `densify.split_shrink` is by default.
+const HALF_SHRINK: f64 = 1.6;
+/// Opacity of halves, times that of the whole, as `densify.half_opacity` is by default.
+const HALF_OPACITY: f64 = 0.6;
 
 /// The instance's Gaussian that a template Gaussian is matched to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,6 +34,18 @@ pub(super) struct Match {
     cost: f64,
     /// Number of template Gaussians with the same match, at least 1.
     sharing: u32,
+    /// Of two with the same match, the half that this one stands for: 1 = the one ahead along the longest axis, -1 = the other; 0 =
+    /// all of it.
+    side: f64,
+}
+
+/// What a template Gaussian stands for in an instance, in the template's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Counterpart {
+    pub mean: [f32; 3],
+    pub shape: Shape,
+    /// Clamped to the range that training can change.
+    pub opacity_logit: f32,
 }
 
 impl Match {
@@ -34,25 +54,62 @@ impl Match {
         self.squared_distance.sqrt() <= template.reach(i)
     }
 
+    /// The instance's Gaussian that it stands for, or its part of it.
+    pub(super) fn counterpart(&self, cloud: &Gaussians, own: &InstanceCloud) -> Counterpart {
+        let source = own.indices[self.own as usize] as usize;
+        let (mean, shape) = (own.means[self.own as usize], own.template_from_world.shape(cloud, source));
+        let alone = clamped_logit(cloud.opacity_logits[source]);
+        if self.side == 0.0 {
+            return Counterpart { mean, shape, opacity_logit: self.opacity_logit(alone) };
+        }
+        let (k, axis) = longest_axis(&shape);
+        let sigma = shape.log_scales[k].exp();
+        let mut log_scales = shape.log_scales;
+        log_scales[k] -= HALF_SHRINK.ln();
+        // Then the two have the variance of the one along that axis.
+        let away = axis * (self.side * (1.0 - HALF_SHRINK.powi(-2)).sqrt() * sigma);
+        let opacity = HALF_OPACITY * sigmoid(f64::from(alone));
+        Counterpart {
+            mean: (widened(mean) + away).as_vec3().to_array(),
+            shape: Shape { log_scales, ..shape },
+            opacity_logit: clamped_logit(not_too_faint(logit(opacity) as f32, alone)),
+        }
+    }
+
     /// Logit of the opacity at which the template Gaussians that share a match cover together what it covers alone: 1 -
     /// (1 - alpha)^(1 / sharing), as for the copies of 3DGS-MCMC (Kheradmand et al. 2024, eq. 9). Clamped to the range
     /// that training can change.
-    pub(super) fn opacity_logit(&self, cloud: &Gaussians, own: &InstanceCloud) -> f32 {
-        let alone = clamped_logit(cloud.opacity_logits[own.indices[self.own as usize] as usize]);
+    fn opacity_logit(&self, alone: f32) -> f32 {
         if self.sharing <= 1 {
             return alone;
         }
         let transmitted = 1.0 - sigmoid(f64::from(alone));
         let shared = logit(1.0 - transmitted.powf(1.0 / f64::from(self.sharing))) as f32;
-        // Not fainter than hidden Gaussians, unless it was before: it would never come back.
-        clamped_logit(shared.max(LACKING_LOGIT.min(alone)))
+        clamped_logit(not_too_faint(shared, alone))
     }
+}
+
+/// Not fainter than hidden Gaussians, unless it was before (`alone`): it would never come back.
+fn not_too_faint(logit: f32, alone: f32) -> f32 {
+    logit.max(LACKING_LOGIT.min(alone))
+}
+
+/// Index and direction of the longest axis.
+fn longest_axis(shape: &Shape) -> (usize, DVec3) {
+    let logs = &shape.log_scales;
+    let k = (1..3).fold(0, |k, other| if logs[other] > logs[k] { other } else { k });
+    (k, rotation_from_quat(shape.quat).col(k))
 }
 
 /// A match for every template Gaussian. Pairs are accepted in order of cost, and an instance's Gaussian takes part in at most
 /// `ceil(N / own)` of them; a template Gaussian left without a match gets its cheapest one. The instance must have
 /// Gaussians.
-pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &InstanceCloud) -> Vec<Match> {
+pub(super) fn match_template(
+    template: &TemplateCloud,
+    cloud: &Gaussians,
+    own: &InstanceCloud,
+    doubles: Doubles,
+) -> Vec<Match> {
     let candidates = candidates(template, cloud, own);
     let mut pairs: Vec<(u32, Match)> =
         candidates.iter().enumerate().flat_map(|(i, near)| near.iter().map(move |&m| (i as u32, m))).collect();
@@ -73,7 +130,26 @@ pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &
         sharing[matched.own as usize] += 1;
     }
     matches.iter_mut().for_each(|matched| matched.sharing = sharing[matched.own as usize].max(1));
+    if doubles == Doubles::Halves {
+        take_sides(&mut matches, template, cloud, own);
+    }
     matches
+}
+
+/// Gives each of two template Gaussians with the same match its half: that on whose side it lies.
+fn take_sides(matches: &mut [Match], template: &TemplateCloud, cloud: &Gaussians, own: &InstanceCloud) {
+    let mut first_of: Vec<Option<usize>> = vec![None; own.len()];
+    for i in 0..matches.len() {
+        let j = matches[i].own as usize;
+        if matches[i].sharing != 2 || !matches[i].is_near(template, i) {
+            continue;
+        }
+        let Some(first) = first_of[j].replace(i) else { continue };
+        let (_, axis) = longest_axis(&own.template_from_world.shape(cloud, own.indices[j] as usize));
+        let along = |i: usize| widened(template.gaussians.means[i]).dot(axis);
+        let side = if along(i) > along(first) { 1.0 } else { -1.0 };
+        (matches[i].side, matches[first].side) = (side, -side);
+    }
 }
 
 /// For each template Gaussian, its nearest Gaussians of the instance in order of cost.
@@ -89,7 +165,7 @@ fn candidates(template: &TemplateCloud, cloud: &Gaussians, own: &InstanceCloud) 
         let matched = |n: Neighbour| {
             let larger = own_log_areas[n.index as usize] - template_log_area;
             let cost = n.squared_distance + weight * larger * larger;
-            Match { own: n.index, squared_distance: n.squared_distance, cost, sharing: 1 }
+            Match { own: n.index, squared_distance: n.squared_distance, cost, sharing: 1, side: 0.0 }
         };
         let mut near: Vec<Match> = set.nearest(mean, CANDIDATES).into_iter().map(matched).collect();
         near.sort_by(|a, b| a.cost.total_cmp(&b.cost));

@@ -25,5 +25,5 @@ pub use adopt::{Adopted, Adopter};
 pub use assemble::{Built, build};
 pub use error::TemplateError;
 pub use instance_cloud::MIN_INSTANCE_GAUSSIANS;
-pub use options::{Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched};
+pub use options::{Doubles, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched};
 pub use report::{GroupReport, HOPELESS_MATCH, InstanceReport, POOR_MATCH};

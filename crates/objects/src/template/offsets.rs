@@ -4,6 +4,7 @@ use super::instance_cloud::InstanceCloud;
 use super::matching::{Match, match_template};
 use super::options::{Keep, OffsetInit, TemplateOptions};
 use super::template_cloud::TemplateCloud;
+use instgs_vk::math::log_covariance::{Shape, log_covariance, nearest_shape};
 use instgs_vk::scene::{Gaussians, Offsets};
 
 /// Opacity logits are clamped to plus and minus this, opacities of 0.0009 to 0.9991. A renderer blends an alpha above
@@ -39,7 +40,7 @@ pub(super) fn push_offsets(
     if !own.is_usable() {
         return common;
     }
-    let matches = match_template(template, cloud, own);
+    let matches = match_template(template, cloud, own, options.doubles);
     for (i, matched) in matches.iter().enumerate() {
         let record = Record { template: &template.gaussians, i, out, index: first + i, options };
         if matched.is_near(template, i) {
@@ -85,12 +86,12 @@ impl Record<'_> {
 
     /// Sets the record to the difference from the matched Gaussian, for those parameters that the template keeps.
     fn set_difference(self, cloud: &Gaussians, own: &InstanceCloud, matched: &Match) {
-        let j = matched.own as usize;
+        let shown = matched.counterpart(cloud, own);
         let (template, i, out, index) = (self.template, self.i, self.out, self.index);
         let kinds = self.options.kinds;
-        let source = own.indices[j] as usize;
+        let source = own.indices[matched.own as usize] as usize;
         if kinds.position {
-            out.means[index] = difference(own.means[j], template.means[i]);
+            out.means[index] = difference(shown.mean, template.means[i]);
         }
         if kinds.sh_dc {
             out.sh_dc[index] = difference(cloud.sh_of(source)[0], template.sh_of(i)[0]);
@@ -99,7 +100,7 @@ impl Record<'_> {
             return;
         }
         if kinds.opacity {
-            out.opacity_logits[index] = matched.opacity_logit(cloud, own) - template.opacity_logits[i];
+            out.opacity_logits[index] = shown.opacity_logit - template.opacity_logits[i];
         }
         let frame = &own.template_from_world;
         let rest = kinds.rest_coefficients(template.sh_degree);
@@ -110,8 +111,9 @@ impl Record<'_> {
             }
         }
         if kinds.covariance {
-            out.log_scales[index] = difference(frame.log_scales(cloud.log_scales[source]), template.log_scales[i]);
-            out.quats[index] = quat_difference(frame.quat(cloud.quats[source]), template.quats[i]);
+            let shape = shape_by_axes_of(template.quats[i], &shown.shape);
+            out.log_scales[index] = difference(shape.log_scales.map(|v| v as f32), template.log_scales[i]);
+            out.quats[index] = difference(shape.quat.map(|v| v as f32), template.quats[i]);
         }
     }
 }
@@ -121,13 +123,17 @@ pub(super) fn clamped_logit(logit: f32) -> f32 {
     logit.clamp(-MAX_LOGIT, MAX_LOGIT)
 }
 
-fn difference(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+fn difference<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-/// The difference from `b` to `a` or `-a`, the same rotation, whichever is nearer.
-fn quat_difference(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-    let dot: f32 = a.iter().zip(&b).map(|(x, y)| x * y).sum();
-    let sign = if dot < 0.0 { -1.0 } else { 1.0 };
-    std::array::from_fn(|k| sign * a[k] - b[k])
+/// The same ellipsoid with its axes in the order and direction of those of a template's Gaussian, of whose quaternion it has the
+/// length. Offsets that pair the longest axis of one with the shortest of another would have gradients of the template that do not
+/// belong together.
+fn shape_by_axes_of(template_quat: [f32; 4], shape: &Shape) -> Shape {
+    let near = template_quat.map(f64::from);
+    let length = near.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let mut along = nearest_shape(&log_covariance(shape), near);
+    along.quat = along.quat.map(|v| v * length);
+    along
 }

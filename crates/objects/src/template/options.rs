@@ -66,6 +66,16 @@ pub enum Unmatched {
     Own,
 }
 
+/// What two template Gaussians begin as that stand for the same Gaussian of an instance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Doubles {
+    /// Its halves, as densification makes them: training then has two where two of the same would learn the same for long.
+    #[default]
+    Halves,
+    /// Both as it is, of a lower opacity: together they look exactly as it does.
+    Alike,
+}
+
 /// Parameters that have offsets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OffsetKinds {
@@ -114,6 +124,8 @@ pub struct TemplateOptions {
     pub offsets: OffsetInit,
     /// What becomes of an instance's Gaussians without a match.
     pub unmatched: Unmatched,
+    /// What stands for the same Gaussian of an instance.
+    pub doubles: Doubles,
     /// Parameters that have offsets; those of the others stay zero or, for the ablations, empty.
     pub kinds: OffsetKinds,
     /// Number of template Gaussians relative to the mean of the instances, above 0. A template never has more than its
@@ -136,6 +148,7 @@ impl Default for TemplateOptions {
             keep: Keep::default(),
             offsets: OffsetInit::default(),
             unmatched: Unmatched::default(),
+            doubles: Doubles::default(),
             kinds: OffsetKinds::default(),
             count_factor: 1.0,
             settle_rounds: 2,

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::instance_cloud::InstanceCloud;
 use super::matching::{Match, match_template};
+use super::options::{Doubles, TemplateOptions};
 use super::template_cloud::TemplateCloud;
 use instgs_vk::math::covariance::{quat_from_rotation, rotation_from_quat};
 use instgs_vk::math::eigen::symmetric_eigen;
@@ -27,17 +28,17 @@ struct Sums {
     sh: Vec<DVec3>,
 }
 
-/// Matches every usable instance and replaces each template Gaussian by the mean of its matches, `rounds` times. A
+/// Matches every usable instance and replaces each template Gaussian by the mean of its matches, `settle_rounds` times. A
 /// Gaussian without a match in any instance does not change.
 pub(super) fn settle(
     mut template: TemplateCloud,
     cloud: &Gaussians,
     instances: &[InstanceCloud],
-    rounds: u32,
+    options: &TemplateOptions,
 ) -> TemplateCloud {
-    for _ in 0..rounds {
+    for _ in 0..options.settle_rounds {
         let mut gaussians = template.gaussians.clone();
-        let sums = sums_of_matches(&template, cloud, instances);
+        let sums = sums_of_matches(&template, cloud, instances, options.doubles);
         for (i, sums) in sums.iter().enumerate().filter(|(_, sums)| sums.count > 0.0) {
             sums.write_mean(&mut gaussians, i);
         }
@@ -46,7 +47,12 @@ pub(super) fn settle(
     template
 }
 
-fn sums_of_matches(template: &TemplateCloud, cloud: &Gaussians, instances: &[InstanceCloud]) -> Vec<Sums> {
+fn sums_of_matches(
+    template: &TemplateCloud,
+    cloud: &Gaussians,
+    instances: &[InstanceCloud],
+    doubles: Doubles,
+) -> Vec<Sums> {
     let coefficients = cloud.sh_coefficients();
     let none = Sums {
         count: 0.0,
@@ -57,7 +63,7 @@ fn sums_of_matches(template: &TemplateCloud, cloud: &Gaussians, instances: &[Ins
     };
     let mut sums = vec![none; template.gaussians.len()];
     for own in instances.iter().filter(|own| own.is_usable()) {
-        let matches = match_template(template, cloud, own);
+        let matches = match_template(template, cloud, own, doubles);
         sums.par_iter_mut().zip(matches).enumerate().for_each(|(i, (sums, matched))| {
             if matched.is_near(template, i) {
                 sums.add(cloud, own, &matched);
@@ -70,13 +76,13 @@ fn sums_of_matches(template: &TemplateCloud, cloud: &Gaussians, instances: &[Ins
 impl Sums {
     /// Adds the matched Gaussian of an instance.
     fn add(&mut self, cloud: &Gaussians, own: &InstanceCloud, matched: &Match) {
-        let j = matched.own as usize;
-        let (frame, i) = (&own.template_from_world, own.indices[j] as usize);
+        let (frame, i) = (&own.template_from_world, own.indices[matched.own as usize] as usize);
+        let shown = matched.counterpart(cloud, own);
         self.count += 1.0;
-        self.mean += widened(own.means[j]);
-        self.opacity_logit += f64::from(matched.opacity_logit(cloud, own));
-        let rotation = rotation_from_quat(frame.quat(cloud.quats[i]).map(f64::from));
-        let log_scales = widened(frame.log_scales(cloud.log_scales[i]));
+        self.mean += widened(shown.mean);
+        self.opacity_logit += f64::from(shown.opacity_logit);
+        let rotation = rotation_from_quat(shown.shape.quat);
+        let log_scales = DVec3::from_array(shown.shape.log_scales);
         self.log_shape += rotation * DMat3::from_diagonal(log_scales) * rotation.transpose();
         for (sum, sh) in self.sh.iter_mut().zip(frame.sh(cloud.sh_of(i))) {
             *sum += widened(sh);
@@ -145,12 +151,16 @@ mod tests {
         (cloud, own, template)
     }
 
+    fn rounds(settle_rounds: u32) -> TemplateOptions {
+        TemplateOptions { settle_rounds, ..TemplateOptions::default() }
+    }
+
     /// Without the pose's scale, log scales would be off by ln 3 / 2.
     #[test]
     fn becomes_the_mean_in_the_common_pose() {
         let (cloud, own, drawn) = two_objects(0.3);
         let wanted = two_objects(0.0).2.gaussians;
-        let settled = settle(drawn, &cloud, &own, 1).gaussians;
+        let settled = settle(drawn, &cloud, &own, &rounds(1)).gaussians;
         let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(x, y)| (x - y).abs() < 2e-5);
         assert!(close(settled.means.as_flattened(), wanted.means.as_flattened()));
         assert!(close(&settled.opacity_logits, &wanted.opacity_logits));
@@ -169,27 +179,58 @@ mod tests {
     fn what_is_not_matched_stays() {
         let (cloud, own, drawn) = two_objects(0.3);
         let before = drawn.gaussians.clone();
-        assert_eq!(settle(drawn, &cloud, &own, 0).gaussians, before);
+        assert_eq!(settle(drawn, &cloud, &own, &rounds(0)).gaussians, before);
         // A part that no instance has.
         let mut far = before.clone();
         (4..8).for_each(|i| far.means[i] = [100.0, 0.1 * i as f32, 0.0]);
-        let settled = settle(TemplateCloud::from_gaussians(far.clone()), &cloud, &own, 1).gaussians;
+        let settled = settle(TemplateCloud::from_gaussians(far.clone()), &cloud, &own, &rounds(1)).gaussians;
         assert_eq!((&settled.means[4..8], &settled.quats[4..8]), (&far.means[4..8], &far.quats[4..8]));
         assert_ne!(settled.means[3], far.means[3]);
     }
 
-    /// Template Gaussians that share a match cover together what it covers alone.
+    /// Three template Gaussians that share a match, or two that are alike, cover together what it covers alone.
     #[test]
     fn those_that_share_a_gaussian_share_its_opacity() {
         let (cloud, own, _) = two_objects(0.0);
-        let twice = own[0].indices.iter().chain(&own[0].indices);
-        let drawn: Vec<_> = twice.map(|&i| (&own[0].template_from_world, i)).collect();
-        let settled = settle(TemplateCloud::new(&cloud, &drawn), &cloud, &own, 1).gaussians;
-        let alone = sigmoid(1.0);
-        for (i, logit) in settled.opacity_logits.iter().enumerate() {
-            let each = sigmoid(f64::from(*logit));
-            let together = 1.0 - (1.0 - each).powi(2);
-            assert!((together - alone).abs() < 1e-6 && each < alone, "{i}: {together} for {alone}");
+        for (times, doubles) in [(3, Doubles::Halves), (2, Doubles::Alike)] {
+            let drawn: Vec<_> =
+                own[0].indices.repeat(times).into_iter().map(|i| (&own[0].template_from_world, i)).collect();
+            let options = TemplateOptions { doubles, ..rounds(1) };
+            let settled = settle(TemplateCloud::new(&cloud, &drawn), &cloud, &own, &options).gaussians;
+            let alone = sigmoid(1.0);
+            for (i, logit) in settled.opacity_logits.iter().enumerate() {
+                let each = sigmoid(f64::from(*logit));
+                let together = 1.0 - (1.0 - each).powi(times as i32);
+                assert!((together - alone).abs() < 1e-6 && each < alone, "{i}: {together} for {alone}");
+            }
+        }
+    }
+
+    /// Two that share one become its halves, each on the side where it lay.
+    #[test]
+    fn two_that_share_a_gaussian_are_its_halves() {
+        let (cloud, own, _) = two_objects(0.0);
+        let twice: Vec<_> = own[0].indices.repeat(2).into_iter().map(|i| (&own[0].template_from_world, i)).collect();
+        let mut drawn = TemplateCloud::new(&cloud, &twice);
+        // The first of each two lies a little ahead along the longest axis, the third.
+        let axis = |i: usize| rotation_from_quat(cloud.quats[i].map(f64::from)).col(2);
+        for i in 0..COUNT {
+            drawn.gaussians.means[i] = (widened(drawn.gaussians.means[i]) + axis(i) * 1e-3).as_vec3().to_array();
+        }
+        let settled = settle(drawn, &cloud, &own, &rounds(1)).gaussians;
+        let sigma = f64::from(cloud.log_scales[0][2]).exp();
+        for i in 0..2 * COUNT {
+            let side = if i < COUNT { 1.0 } else { -1.0 };
+            let away = widened(settled.means[i]) - widened(cloud.means[i % COUNT]);
+            let want = axis(i % COUNT) * (side * (1.0f64 - 1.6f64.powi(-2)).sqrt() * sigma);
+            assert!((away - want).length() < 1e-4 * sigma, "{i}: {away} {want}");
+            let mut logs = settled.log_scales[i];
+            logs.sort_by(f32::total_cmp);
+            let mut wanted = cloud.log_scales[i % COUNT];
+            wanted[2] -= 1.6f32.ln();
+            wanted.sort_by(f32::total_cmp);
+            assert!(logs.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-4), "{i}: {logs:?} {wanted:?}");
+            assert!((sigmoid(f64::from(settled.opacity_logits[i])) - 0.6 * sigmoid(1.0)).abs() < 1e-6);
         }
     }
 }

@@ -12,7 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
 use crate::template::{
-    HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched,
+    Doubles, HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched,
 };
 use instgs_detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
 use instgs_train::config::keys::Key;
@@ -196,6 +196,7 @@ impl RunConfig {
             sampling: template.sampling,
             keep: template.keep,
             offsets: self.pipeline.offsets.init,
+            doubles: Doubles::Halves,
             kinds: OffsetKinds {
                 position: offsets.position,
                 sh_dc: offsets.sh_dc,
