@@ -6,7 +6,7 @@
 // - Writes `shape_gradients` (40 bytes) and `look_gradients` (36), at work item times work-group size plus index in the chunk,
 //   where `gather_gradients` finds them without a search; the rest of both must hold zeros. Writes the gradients of the
 //   offsets but those of SH bands above 0, each of which belongs to one thread; they must hold zeros, too.
-// - With COLOR_MATRICES, reads SH band 0 and its offset as well, and writes `color_terms` (24 bytes) at the same place as
+// - With COLOR_TERMS, reads SH band 0 and its offset as well, and writes `color_terms` (24 bytes) at the same place as
 //   `shape_gradients` for instances that have a colour matrix; the rest must hold zeros.
 // - With POSES, writes the gradient by the instance's pose, summed over each subgroup: 28 bytes per subgroup of a work
 //   item, except for the background.
@@ -28,6 +28,7 @@
 
 layout(constant_id = 3) const uint SH_DEGREE = 3;
 layout(constant_id = 4) const uint POSES = 0;  // 1 = sums the gradients by the poses of instances
+layout(constant_id = 14) const uint COLOR_TERMS = 0;  // 1 = writes what gradients by colour matrices are made of, if COLOR_MATRICES
 
 layout(scalar, binding = 0) readonly buffer Instances { Instance instances[]; };                    // instances, background last
 layout(scalar, binding = 1) readonly buffer WorkItems { WorkItem work_items[]; };                   // visible chunks
@@ -263,7 +264,7 @@ SourceGradient source_gradient(Instance instance, uint local, Gaussian gaussian,
     vec3 by_conic = -vec3(0.5 * second.x, second.y, 0.5 * second.z);
     float by_opacity = opacity > 0.0 ? first.x / opacity : 0.0;
     color.cotangent = mix(vec3(0.0), m.sums[0], greaterThan(vec3(splat.b.zw, splat.c.x), vec3(0.0)));
-    color.color = has_color_matrix(instance) ? base_color(instance, local) : vec3(0.0);
+    color.color = COLOR_TERMS != 0 && has_color_matrix(instance) ? base_color(instance, local) : vec3(0.0);
 
     vec3 mean_world = transform_point(instance.world_from_template, gaussian.mean);
     Geometry g = geometry_of(instance, gaussian, mean_world);
@@ -378,7 +379,7 @@ PoseGradient write_gradients(uint w, uint lane, SplatMoments m) {
     ShapeGradient by_shape = shape_gradient(gaussian, g);
     shape_gradients[place] = by_shape;
     look_gradients[place] = g.look;
-    if (has_color_matrix(instance) && all(is_below(color.cotangent, GRADIENT_MAX))) color_terms[place] = color;
+    if (COLOR_TERMS != 0 && has_color_matrix(instance) && all(is_below(color.cotangent, GRADIENT_MAX))) color_terms[place] = color;
     if (instance.first_offset != NO_OFFSET) {
         uint k = instance.first_offset + local;
         offset_mean_gradients[k] = g.mean;

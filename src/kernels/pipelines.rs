@@ -82,6 +82,9 @@ pub struct BackwardPipelines {
     pub tile_blend_backward: Pipeline<tile_blend_backward::TileBlendBackward>,
     pub preprocess_instance_expand_backward:
         Pipeline<preprocess_instance_expand_backward::PreprocessInstanceExpandBackward>,
+    /// The same for steps in which poses and colour matrices do not learn; `None` for scenes without both.
+    pub preprocess_instance_expand_backward_but_instances:
+        Option<Pipeline<preprocess_instance_expand_backward::PreprocessInstanceExpandBackward>>,
     pub gather_gradients: Pipeline<gather_gradients::GatherGradients>,
     /// The same for steps in which offsets of SH bands above 0 do not learn; `None` for scenes without such offsets.
     pub gather_gradients_but_sh_offsets: Option<Pipeline<gather_gradients::GatherGradients>>,
@@ -339,6 +342,15 @@ impl BackwardPipelines {
         let transpose = ("TRANSPOSE", u32::from(variant.transpose_moments));
         // Gradients by poses are written by subgroup and read by `gather_pose_gradients`.
         let expand_compiler = Compiler { subgroup_size: variant.expand_backward_subgroup_size, ..compiler };
+        let expand_backward = |poses: bool, color_terms: bool| {
+            let own = [
+                ("POSES", u32::from(poses)),
+                ("COLOR_TERMS", u32::from(color_terms)),
+                traits.color_matrices_constant(),
+                traits.windowed_constant(),
+            ];
+            expand_compiler.compile(size, &[&own[..], &traits.constants()].concat())
+        };
         let gather = |traits: SceneTraits, one: bool| {
             let constants = [
                 ("SH_DEGREE", traits.sh_degree),
@@ -366,14 +378,11 @@ impl BackwardPipelines {
                     ("SPLATS_UNROLLED", variant.backward_splats_unrolled),
                 ],
             )?,
-            preprocess_instance_expand_backward: expand_compiler.compile(
-                size,
-                &[
-                    &[("POSES", u32::from(poses)), traits.color_matrices_constant(), traits.windowed_constant()][..],
-                    &traits.constants(),
-                ]
-                .concat(),
-            )?,
+            preprocess_instance_expand_backward: expand_backward(poses, traits.color_matrices)?,
+            preprocess_instance_expand_backward_but_instances: match poses || traits.color_matrices {
+                true => Some(expand_backward(false, false)?),
+                false => None,
+            },
             gather_gradients: gather(traits, false)?,
             gather_gradients_of_one: gather(traits, true)?,
             gather_gradients_but_sh_offsets: match traits.offset_sh_rest {

@@ -27,11 +27,13 @@ pub struct BackwardInputs<'a> {
 pub struct WantedGradients {
     /// Those by offsets of SH coefficients above 0; if not, their buffer stays as it is.
     pub sh_offsets: bool,
+    /// Those by poses and colour matrices, of which an instance has one each; if not, their buffers stay as they are.
+    pub instances: bool,
 }
 
 impl WantedGradients {
     /// Everything.
-    pub const ALL: Self = Self { sh_offsets: true };
+    pub const ALL: Self = Self { sh_offsets: true, instances: true };
 
     fn has(self, parameter: Parameter) -> bool {
         self.sh_offsets || parameter != Parameter::OffsetShRest
@@ -145,7 +147,7 @@ pub fn record_gradients(
     // Gaussians that are not drawn have zero gradients.
     recorder.fill(&mut buffers.shape_gradients, 0)?;
     recorder.fill(&mut buffers.look_gradients, 0)?;
-    if inputs.pipelines.gather_color_gradients.is_some() {
+    if inputs.wanted.instances && inputs.pipelines.gather_color_gradients.is_some() {
         recorder.fill(&mut buffers.color_terms, 0)?;
     }
     let offsets = gradients.parameters.scalars_mut().into_iter().filter(|(p, _)| p.owner() == Owner::Offset);
@@ -157,6 +159,9 @@ pub fn record_gradients(
     }
     for window in inputs.forward.scene.windows.iter() {
         record_gather(recorder, inputs, frame, buffers, log, gradients, &window)?;
+    }
+    if !inputs.wanted.instances {
+        return Ok(());
     }
     record_gather_colors(recorder, inputs, frame, buffers, gradients)?;
     if inputs.pipelines.poses { record_gather_poses(recorder, inputs, frame, buffers, gradients) } else { Ok(()) }
@@ -236,7 +241,9 @@ fn record_expand_backward(
         window: window.shown,
     };
     let per_item = (FAMILY_WORK_ITEMS * ARGS_PER_COUNT + ARGS_ITEMS) as usize;
-    let pipeline = &inputs.pipelines.preprocess_instance_expand_backward;
+    let but_instances = inputs.pipelines.preprocess_instance_expand_backward_but_instances.as_ref();
+    let whole = &inputs.pipelines.preprocess_instance_expand_backward;
+    let pipeline = but_instances.filter(|_| !inputs.wanted.instances).unwrap_or(whole);
     recorder.dispatch_indirect_parts(pipeline, &frame.scratch.args, per_item, &params, bindings, &scene.parts(window))
 }
 

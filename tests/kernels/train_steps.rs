@@ -11,7 +11,7 @@ use instgs_reference::gather_gradients::{SceneGradient, scene_gradient};
 use instgs_reference::image_loss::{ImagePair, image_loss};
 use instgs_train::config::{GaussianRates, PoseRates, Rates};
 use instgs_train::device_state::DeviceState;
-use instgs_train::step_runner::{StepOutcome, StepPlan, StepRunner};
+use instgs_train::step_runner::{LearnEvery, StepOutcome, StepPlan, StepRunner};
 use instgs_train::view_order::epoch_order;
 use instgs_train::views::{TrainViews, ViewsPlan};
 use instgs_vk::gpu::Gpu;
@@ -19,6 +19,7 @@ use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::Adam;
 use instgs_vk::render::RenderOptions;
+use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene, Parameter};
 
 use crate::common::gpu::{assert_silent, gpu};
@@ -117,7 +118,7 @@ pub(crate) fn plan(step: u64, view: usize, sh_degree: u32) -> StepPlan {
         sh_degree,
         lambda_dssim: 0.2,
         adam: Adam { beta1: 0.9, beta2: 0.999, epsilon: 1e-15, step: step + 1 },
-        sh_offsets_every: 1,
+        learn_every: LearnEvery::STEP,
         exposure: None,
     }
 }
@@ -275,12 +276,13 @@ fn sh_offsets_may_learn_in_some_steps_alone() {
     let Some(gpu) = gpu() else { return };
     let (truth, start, target) = instanced();
     let data = Data::of(&truth, target);
-    let after_each = |sh_offsets_every: u64| {
+    let after_each = |sh_offsets: u64| {
         let mut views = data.views(&gpu);
         let mut runner = StepRunner::new(&gpu, Variant::for_training(gpu.caps()), [41, 47], false).unwrap();
         let mut state = DeviceState::new(&gpu, &start, runner.chunk_size()).unwrap();
         let step = |step: u64| {
-            let plan = StepPlan { sh_offsets_every, ..plan(step, in_turn(step), start.sh_degree()) };
+            let learn_every = LearnEvery { sh_offsets, ..LearnEvery::STEP };
+            let plan = StepPlan { learn_every, ..plan(step, in_turn(step), start.sh_degree()) };
             runner.submit(&mut state, &mut views, plan).unwrap();
             while runner.collect(&mut state, &mut views).unwrap().is_some() {}
             let scene = state.scene.download(&gpu, &start).unwrap();
@@ -296,9 +298,63 @@ fn sh_offsets_may_learn_in_some_steps_alone() {
         assert!(before.1 != now.1 && all[step - 1].0 != all[step].0, "step {step}");
     }
     // The second step in which they learn is Adam's second.
-    let plan = StepPlan { sh_offsets_every: 3, ..plan(3, 0, 0) };
+    let plan = StepPlan { learn_every: LearnEvery { sh_offsets: 3, ..LearnEvery::STEP }, ..plan(3, 0, 0) };
     assert_eq!(plan.adam_of(Parameter::OffsetShRest).map(|adam| adam.step), Some(2));
     assert_eq!(plan.adam_of(Parameter::OffsetShDc).map(|adam| adam.step), Some(4));
+    assert_silent(&gpu);
+}
+
+/// Poses and colour matrices that learn in every third step. All else has the same gradients without theirs, bit by bit.
+#[test]
+fn instances_may_learn_in_some_steps_alone() {
+    let Some(gpu) = gpu() else { return };
+    let (truth, mut start, target) = instanced();
+    start.color_from_template = vec![SAME_COLOR; start.instances.len()];
+    let data = Data::of(&truth, target);
+    let after_each = |instances: u64, held: bool| {
+        let mut views = data.views(&gpu);
+        let mut runner = StepRunner::new(&gpu, Variant::for_training(gpu.caps()), [41, 47], false).unwrap();
+        let mut state = DeviceState::new(&gpu, &start, runner.chunk_size()).unwrap();
+        let step = |step: u64| {
+            let learn_every = LearnEvery { instances, ..LearnEvery::STEP };
+            let mut plan = StepPlan { learn_every, ..plan(step, in_turn(step), start.sh_degree()) };
+            plan.rates.color_matrices = 1e-2;
+            if held {
+                (plan.rates.poses, plan.rates.color_matrices) = (PoseRates::default(), 0.0);
+            }
+            runner.submit(&mut state, &mut views, plan).unwrap();
+            while runner.collect(&mut state, &mut views).unwrap().is_some() {}
+            state.scene.download(&gpu, &start).unwrap()
+        };
+        (0..5).map(step).collect::<Vec<_>>()
+    };
+    let places = |scene: &InstancedScene| scene.instances.iter().map(|i| i.world_from_template).collect::<Vec<_>>();
+    let (third, all, never) = (after_each(3, false), after_each(1, false), after_each(1, true));
+    assert!(bits(&third[0]) == bits(&all[0]) && places(&third[0]) != places(&start));
+    assert!(third[0].color_from_template != start.color_from_template);
+    for step in 1..5 {
+        let [before, now] = [&third[step - 1], &third[step]];
+        assert_eq!(places(before) != places(now), step == 3, "step {step}");
+        assert_eq!(before.color_from_template != now.color_from_template, step == 3, "step {step}");
+        assert!(
+            before.offsets.sh_dc != now.offsets.sh_dc && places(&all[step - 1]) != places(&all[step]),
+            "step {step}"
+        );
+    }
+    // The first step has the same gradients of all else with poses and matrices as without.
+    let placed = |scene: &InstancedScene| InstancedScene {
+        instances: start.instances.clone(),
+        color_from_template: start.color_from_template.clone(),
+        ..scene.clone()
+    };
+    // Another compiler may round otherwise where less is computed.
+    if gpu.caps().is_llvmpipe {
+        assert!(bits(&never[0]) == bits(&placed(&all[0])));
+    }
+    assert!(places(&never[4]) == places(&start));
+    let plan = StepPlan { learn_every: LearnEvery { instances: 3, ..LearnEvery::STEP }, ..plan(3, 0, 0) };
+    assert_eq!(plan.adam_of_instances().map(|adam| adam.step), Some(2));
+    assert_eq!(plan.adam_of(Parameter::ColorFromTemplate).map(|adam| adam.step), Some(2));
     assert_silent(&gpu);
 }
 

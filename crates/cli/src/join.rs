@@ -196,6 +196,8 @@ impl JoinArgs {
         // The bounds of a block's growth are not those of the whole, which has grown already.
         builder = builder.flag("--refine", "joint.grow_fraction", 0.0)?.flag("--refine", "densify.recycle", 0.0)?;
         builder = builder.flag("--refine", "joint.steps", REFINE_STEPS)?;
+        // Few steps: poses learn in each.
+        builder = builder.flag("--refine", "joint.instances_every", 1)?;
         for assignment in &self.set {
             let key = assignment.split_once('=').map_or("", |(key, _)| key.trim());
             if NOT_READ.contains(&key) {

@@ -7,7 +7,7 @@ use instgs_io::view_image::{OPAQUE, ViewImage};
 use instgs_train::TrainError;
 use instgs_train::config::{GaussianRates, PoseRates, Rates};
 use instgs_train::device_state::DeviceState;
-use instgs_train::step_runner::{StepPlan, StepRunner};
+use instgs_train::step_runner::{LearnEvery, StepPlan, StepRunner};
 use instgs_train::view_order::ViewOrder;
 use instgs_train::views::TrainViews;
 use instgs_vk::gpu::Gpu;
@@ -96,7 +96,7 @@ pub(crate) fn fit(
             sh_degree: level.sh_degree,
             lambda_dssim: 0.0,
             adam: Adam { beta1: 0.9, beta2: 0.99, epsilon: 1e-15, step: step + 1 },
-            sh_offsets_every: 1,
+            learn_every: LearnEvery::STEP,
             exposure: None,
             mcmc: None,
         };

@@ -57,6 +57,9 @@ pub struct DeviceState {
     pub moments: Moments,
     /// Exposures of the training photos, if they are learned.
     pub exposures: Option<Exposures>,
+    /// Number of steps that were done when the statistics were last zero; `None` = those of the densification before, at which every
+    /// scene densified: what checkpoints of older versions mean.
+    pub statistics_since: Option<u64>,
     /// How the source Gaussians and offset records are divided.
     pub layout: SourceLayout,
     /// What the device does not hold, such as the names of groups; without Gaussians and offsets.
@@ -115,6 +118,7 @@ impl DeviceState {
             gradients: GradientBuffers::new(gpu, &device_scene)?,
             moments: Moments::new(gpu, &device_scene)?,
             exposures: None,
+            statistics_since: Some(0),
             layout,
             names,
             scene: device_scene,
@@ -191,6 +195,7 @@ impl DeviceState {
             let buffers = AdamBuffers { gradients: by, parameters: values, moments };
             adam.record(recorder, &pipelines.adam, workgroup_size, &log.status, buffers, groups)?;
         }
+        let Some(adam) = plan.adam_of_instances() else { return Ok(()) };
         let posed_rows = scene.posed_rows();
         let poses = PoseBuffers {
             gradients: &gradients.poses,
@@ -198,14 +203,7 @@ impl DeviceState {
             moments: &mut moments.poses,
             posed_rows,
         };
-        plan.adam.record_poses(
-            recorder,
-            &pipelines.refine_poses,
-            workgroup_size,
-            &log.status,
-            poses,
-            rates.poses.values(),
-        )
+        adam.record_poses(recorder, &pipelines.refine_poses, workgroup_size, &log.status, poses, rates.poses.values())
     }
 }
 

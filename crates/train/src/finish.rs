@@ -31,7 +31,7 @@ use super::error::TrainError;
 use super::finish_shapes::{Moved, are_shapes};
 use super::memory::picture_budget;
 use super::start::{TrainData, read_data};
-use super::step_runner::{StepPlan, StepRunner};
+use super::step_runner::{LearnEvery, StepPlan, StepRunner};
 use super::view_order::ViewOrder;
 use super::view_pictures::{background_at, train_options};
 use super::views::{TrainViews, ViewsPlan};
@@ -294,7 +294,7 @@ impl Steps {
             sh_degree: self.sh_degree,
             lambda_dssim: LAMBDA_DSSIM,
             adam: Adam { step: step + 1, ..ADAM },
-            sh_offsets_every: 1,
+            learn_every: LearnEvery::STEP,
             exposure: None,
             mcmc: None,
         };

@@ -27,7 +27,7 @@ use super::config::{GaussianRates, PoseRates, Rates};
 use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::shape_sensitivity::{ShapeGradients, ShapeSums};
-use super::step_runner::{StepPlan, StepRunner};
+use super::step_runner::{LearnEvery, StepPlan, StepRunner};
 use super::views::TrainViews;
 
 /// A learning rate that changes no f32 but 0, and that only by less than any picture shows.
@@ -142,7 +142,7 @@ impl<'a> Measurement<'a> {
             sh_degree: self.scene.sh_degree(),
             lambda_dssim: 0.0,
             adam: Adam { beta1: 0.0, beta2: DECAY, epsilon: 1.0, step: step + 1 },
-            sh_offsets_every: 1,
+            learn_every: LearnEvery::STEP,
             exposure: None,
             mcmc: None,
         };

@@ -25,6 +25,9 @@ const TEMPLATE_GAUSSIANS: &str = "template_gaussians";
 /// Metadata key: densification after the last step is still to be done.
 const DUE: &str = "densification_due";
 
+/// Metadata key of the number of steps that were done when the densification statistics were last zero.
+const STATISTICS_SINCE: &str = "statistics_since";
+
 /// Tensor of the transforms of instances.
 const POSES: &str = "parameter.world_from_template";
 
@@ -78,6 +81,9 @@ fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
 pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &mut DeviceState, step: u64, due: bool) -> Result<Checkpoint, TrainError> {
     let mut out = Checkpoint { step, ..Checkpoint::default() };
     out.metadata.insert(SH_DEGREE.into(), state.scene.sh_degree.to_string());
+    if let Some(since) = state.statistics_since {
+        out.metadata.insert(STATISTICS_SINCE.into(), since.to_string());
+    }
     if due {
         out.metadata.insert(DUE.into(), "true".into());
     }
@@ -228,6 +234,7 @@ pub fn restore(
     mut checkpoint: Checkpoint,
     path: &Path,
 ) -> Result<(), TrainError> {
+    state.statistics_since = checkpoint.metadata.get(STATISTICS_SINCE).and_then(|text| text.parse().ok());
     let layout = layout_of(&mut checkpoint, &state.layout, path)?;
     if layout != state.layout {
         state.relayout_undefined(gpu, layout)?;

@@ -28,6 +28,20 @@ use super::views::TrainViews;
 /// Steps submitted and not yet collected. Two keep the device busy while the host records the next.
 const IN_FLIGHT: usize = 2;
 
+/// Steps in which parameters learn that need not learn in each: those whose index is a multiple of these numbers, at least 1.
+#[derive(Clone, Copy, Debug)]
+pub struct LearnEvery {
+    /// For offsets of SH coefficients above 0.
+    pub sh_offsets: u64,
+    /// For poses and colour matrices of instances.
+    pub instances: u64,
+}
+
+impl LearnEvery {
+    /// All learn in each step.
+    pub const STEP: Self = Self { sh_offsets: 1, instances: 1 };
+}
+
 /// Everything besides parameters that a step depends on, derived from its index, so that it can be repeated.
 #[derive(Clone, Debug)]
 pub struct StepPlan {
@@ -45,8 +59,8 @@ pub struct StepPlan {
     pub lambda_dssim: f32,
     /// Adam's constants, with the step counted from 1.
     pub adam: Adam,
-    /// Offsets of SH coefficients above 0 learn in steps whose index is a multiple of this, at least 1.
-    pub sh_offsets_every: u64,
+    /// In which steps the parameters learn that do not in each.
+    pub learn_every: LearnEvery,
     /// Step of the exposure of the picture, if photos have exposures.
     pub exposure: Option<ExposureStep>,
     /// Noise and regularisers that the strategy `mcmc` adds.
@@ -56,7 +70,20 @@ pub struct StepPlan {
 impl StepPlan {
     /// Adam's constants for a parameter; `None` if it does not learn in this step.
     pub fn adam_of(&self, parameter: Parameter) -> Option<Adam> {
-        let every = if parameter == Parameter::OffsetShRest { self.sh_offsets_every } else { 1 };
+        match parameter {
+            Parameter::OffsetShRest => self.adam_every(self.learn_every.sh_offsets),
+            Parameter::ColorFromTemplate => self.adam_of_instances(),
+            _ => Some(self.adam),
+        }
+    }
+
+    /// The same for the poses and colour matrices of instances.
+    pub fn adam_of_instances(&self) -> Option<Adam> {
+        let held = self.rates.poses.are_held() && self.rates.color_matrices == 0.0;
+        self.adam_every(self.learn_every.instances).filter(|_| !held)
+    }
+
+    fn adam_every(&self, every: u64) -> Option<Adam> {
         // Of steps in which it learns, this is so many from 1.
         self.step.is_multiple_of(every).then(|| Adam { step: (self.adam.step - 1) / every + 1, ..self.adam })
     }
@@ -315,7 +342,10 @@ impl StepRunner {
             }
         }
         let (scene, gradients) = (&state.scene, &mut state.gradients);
-        let wanted = WantedGradients { sh_offsets: plan.adam_of(Parameter::OffsetShRest).is_some() };
+        let wanted = WantedGradients {
+            sh_offsets: plan.adam_of(Parameter::OffsetShRest).is_some(),
+            instances: plan.adam_of_instances().is_some(),
+        };
         let backward = GradientStep { tables: &state.tables, view: &train_view, log: &self.log, wanted };
         self.frame.record_gradients(recorder, scene, backward, gradients)?;
         let workgroup_size = self.frame.variant().workgroup_size;

@@ -32,7 +32,7 @@ use super::run_files::RunFiles;
 use super::same_data;
 use super::start::{Loaded, Start, TrainData, load_all};
 use super::state_file::to_checkpoint;
-use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
+use super::step_runner::{LearnEvery, StepOutcome, StepPlan, StepRunner, StepTimes};
 use super::strategy::{McmcStep, Strategy};
 use super::view_order::ViewOrder;
 use super::view_pictures::{background_at, evaluate_test_views, train_options};
@@ -366,7 +366,7 @@ impl<'a> Run<'a> {
             sh_degree: config.sh_degree_at(step),
             lambda_dssim: config.lambda_dssim as f32,
             adam,
-            sh_offsets_every: config.offsets.sh_every,
+            learn_every: LearnEvery { sh_offsets: config.offsets.sh_every, instances: config.joint.instances_every },
             exposure: config.exposure_rate_at(step).map(exposure_step),
         })
     }

@@ -33,7 +33,7 @@ use instgs_vk::render::Renderer;
 use instgs_vk::scene::InstancedScene;
 
 /// Prefixes of the keys that affect only the joint phase, or nothing that is computed.
-const OF_JOINT_PHASE: [&str; 16] = [
+const OF_JOINT_PHASE: [&str; 17] = [
     "offsets.sh_every",
     "joint.steps",
     "joint.final_factor",
@@ -43,6 +43,7 @@ const OF_JOINT_PHASE: [&str; 16] = [
     "joint.grow_fraction",
     "joint.max_expanded",
     "joint.refine_poses",
+    "joint.instances_every",
     "template_rates.",
     "background_rates.",
     "offset_rates.",

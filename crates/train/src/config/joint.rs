@@ -61,6 +61,9 @@ pub struct JointConfig {
     pub refine_poses: bool,
     /// Whether the scales of the poses are optimised too.
     pub refine_scales: bool,
+    /// Poses and colour matrices are optimised in steps whose index is a multiple of this, at least 1.
+    #[serde(default = "every_step")]
+    pub instances_every: u64,
     /// Factor that all learning rates but those of the centres have reached at the end.
     pub final_factor: f64,
     /// Fraction of the steps after which the rates begin to decay, in 0..1.

@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 107] = [
+pub const KEYS: [Key; 108] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -124,6 +124,7 @@ pub const KEYS: [Key; 107] = [
     key("joint.steps", Whole(1, STEPS_MAX)),
     key("joint.refine_poses", Flag),
     key("joint.refine_scales", Flag),
+    key("joint.instances_every", Whole(1, 1000)),
     key("joint.final_factor", RealAbove(0.0, RATE_MAX)),
     key("joint.decay_start", RealBelow(0.0, 1.0)),
     key("joint.decay_steps", Whole(0, STEPS_MAX)),

@@ -65,6 +65,7 @@ recycle = 0.0
 [offsets]
 sh_every = 1
 [joint]
+instances_every = 1
 decay_start = 0.0
 decay_steps = 0
 grow_fraction = 0.0

@@ -37,6 +37,8 @@ pub(super) struct Limits {
     max_expanded: u32,
     /// Largest part of the instances that grow alone.
     pub(super) own_share: f32,
+    /// True if something leaves a full scene from time to time, and nothing counts on more densifications than that.
+    recycles: bool,
     /// What leaves a full cloud before it grows.
     recycling: Option<Recycling>,
     done: u64,
@@ -48,8 +50,18 @@ impl Limits {
         self.mark.gradient_threshold
     }
 
-    /// The thresholds after `done` steps, for a scene of extent `extent` (scene units).
-    pub(super) fn new(config: &TrainConfig, done: u64, extent: f64) -> Self {
+    /// False for a full scene until recycling makes room: hardly anything would grow, and what the statistics say would be lost.
+    /// Gaussians that are too faint wait as well.
+    pub(super) fn has_room(&self, state: &DeviceState) -> bool {
+        // Growth ends where the next Gaussian does not fit, which may be one of the template with the most instances.
+        let of_one = u64::from(state.tables.most_instances.max(1)) * u64::from(self.mark.split_count - 1);
+        let is_full = state.layout.expanded_len() + of_one > u64::from(self.max_expanded);
+        !(is_full && self.recycles && self.recycling.is_none())
+    }
+
+    /// The thresholds after `done` steps, for a scene of extent `extent` (scene units) whose statistics are of the steps after `since`
+    /// (see [`DeviceState::statistics_since`]).
+    pub(super) fn new(config: &TrainConfig, done: u64, extent: f64, since: Option<u64>) -> Self {
         let densify = &config.densify;
         let large = config.prunes_large_at(done);
         let limit = |value: f64| if large && value > 0.0 { value } else { f64::INFINITY };
@@ -84,7 +96,8 @@ impl Limits {
             },
             max_expanded: config.max_gaussians,
             own_share: config.joint.own_share as f32,
-            recycling: Recycling::due(config, done),
+            recycles: densify.recycle > 0.0 && densify.opacity_decay == 0.0 && densify.opacity_reset_every == 0,
+            recycling: Recycling::due(config, done, since),
             done,
         }
     }

@@ -101,13 +101,18 @@ impl Strategy {
     ) -> Result<Option<DensifyOutcome>, RenderError> {
         let mut outcome = None;
         if config.densifies_at(done) && config.strategy == config::Strategy::Densify {
-            outcome = Some(densify::densify(&mut self.tools, state, &densify::Limits::new(config, done, extent))?);
+            let limits = densify::Limits::new(config, done, extent, state.statistics_since);
+            if limits.has_room(state) {
+                outcome = Some(densify::densify(&mut self.tools, state, &limits)?);
+                state.statistics_since = Some(done);
+            }
         }
         if outcome.is_some() && config.densify.opacity_decay > 0.0 {
             densify::decay_opacity(&mut self.tools, state, config.densify.opacity_decay)?;
         }
         if config.densifies_at(done) && config.strategy == config::Strategy::Mcmc {
             outcome = Some(mcmc::relocate(&mut self.tools, state, config, done)?);
+            state.statistics_since = Some(done);
         }
         if config.resets_opacity_at(done) {
             densify::reset_opacity(&mut self.tools, state, config.densify.opacity_reset_to)?;

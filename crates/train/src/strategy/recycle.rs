@@ -20,16 +20,16 @@ pub(super) struct Recycling {
 }
 
 impl Recycling {
-    /// What is due after `done` steps, `None` if nothing is.
-    pub(super) fn due(config: &TrainConfig, done: u64) -> Option<Self> {
+    /// What is due after `done` steps, `None` if nothing is. The statistics are of the steps after `since`, or, without it, of those after
+    /// the densification before.
+    pub(super) fn due(config: &TrainConfig, done: u64, since: Option<u64>) -> Option<Self> {
         let densify = &config.densify;
         // Densification need not happen at multiples of `recycle_every`: the first one behind each counts.
         let before = done.saturating_sub(densify.every);
-        // The statistics are of the steps since the densification before, or since the start.
-        let counted = if config.densifies_at(before) { densify.every } else { done };
+        let since = since.unwrap_or(if config.densifies_at(before) { before } else { 0 });
         let is_due = densify.recycle > 0.0 && done / densify.recycle_every > before / densify.recycle_every;
         let room = (f64::from(config.max_gaussians) * (1.0 - densify.recycle)) as u64;
-        is_due.then_some(Self { room, steps: counted as f32 })
+        is_due.then_some(Self { room, steps: done.saturating_sub(since) as f32 })
     }
 
     /// Makes those that cost least count as transparent (`highest_logits`), if the scene has more than may stay. `uses` is the
@@ -84,15 +84,15 @@ mod tests {
         };
         let recycling = config(&["densify.recycle=0.1", "max_gaussians=1000", "densify.recycle_every=250"])?;
         let due: Vec<u64> =
-            (0..=1000).step_by(100).filter(|&done| Recycling::due(&recycling, done).is_some()).collect();
+            (0..=1000).step_by(100).filter(|&done| Recycling::due(&recycling, done, Some(0)).is_some()).collect();
         assert_eq!(due, [300, 500, 800, 1000]);
-        // Densification begins after 500 steps: the first one is of all steps before it.
-        assert_eq!(Recycling::due(&recycling, 600).map(|due| due.steps), None);
-        assert_eq!(Recycling::due(&recycling, 800).map(|due| due.steps), Some(100.0));
+        assert_eq!(Recycling::due(&recycling, 600, Some(500)), None);
+        assert_eq!(Recycling::due(&recycling, 800, Some(500)), Some(Recycling { room: 900, steps: 300.0 }));
+        // Without the step of a checkpoint: densification begins after 500 steps, and goes on every hundred.
         let early = config(&["densify.recycle=0.1", "densify.start=450", "steps=5000"])?;
-        assert_eq!(Recycling::due(&early, 500).map(|due| due.steps), Some(500.0));
-        assert_eq!(Recycling::due(&recycling, 800), Some(Recycling { room: 900, steps: 100.0 }));
-        assert_eq!(Recycling::due(&config(&["max_gaussians=1000"])?, 500), None);
+        assert_eq!(Recycling::due(&early, 500, None).map(|due| due.steps), Some(500.0));
+        assert_eq!(Recycling::due(&recycling, 800, None).map(|due| due.steps), Some(100.0));
+        assert_eq!(Recycling::due(&config(&["max_gaussians=1000"])?, 500, Some(0)), None);
         Ok(())
     }
 }
