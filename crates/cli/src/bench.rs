@@ -96,7 +96,7 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
         None => OpenedScene::open_warned(&args.scene, args.host_memory.of_scenes(), printer)?,
     };
     let against = args.against.as_deref().map(|path| open_scene_to_draw(path, printer)).transpose()?;
-    let cameras = args.views.cameras(opened.scene(), args.look.options(opened.scene()).near, printer)?;
+    let cameras = args.views.cameras(&args.scene, opened.scene(), args.look.options(opened.scene()).near, printer)?;
     if cameras.len() > args.frames as usize {
         let (frames, count) = (args.frames, cameras.len());
         printer.warning(format_args!("{frames} frames are too few for {count} cameras: the first {frames} are timed"));

@@ -40,7 +40,7 @@ fn views(args: &BenchArgs, loaded: &LoadedScene, printer: &Printer) -> Result<Ve
         return views.iter().take(most).map(photo).collect();
     }
     let near = args.look.options(&loaded.scene).near;
-    let cameras = args.views.cameras(&loaded.scene, near, printer)?;
+    let cameras = args.views.cameras(&args.scene, &loaded.scene, near, printer)?;
     Ok(cameras.into_iter().take(most).map(|camera| LodView { camera, photo: None }).collect())
 }
 

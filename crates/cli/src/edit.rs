@@ -5,13 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::edit_flags::Operations;
-use instgs_console::args::{Triple, open_scene, parse_up};
+use instgs_console::args::{Triple, open_scene, orbit_of, parse_up};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
 use instgs_io::{ExportFormat, ExportedScene, IoError, Pack, packing_lost, save_scene};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{EditOutcome, apply, template_centres};
-use instgs_vk::scene::trajectory::Orbit;
 
 /// Changes the instances of a scene and writes it to a new file. K selects instances by index (--list shows them; 0,3,4
 /// selects three), as id:N (mask id), group:NAME or template:N; the last two select all instances of a kind.
@@ -86,7 +85,7 @@ pub(super) fn run(args: &EditArgs, printer: &Printer) -> Result<(), CliError> {
         return Err(CliError::msg("edit: name the file for the changed scene with --out"));
     }
     let mut scene = open_scene(&args.scene, printer)?.scene;
-    let up = Orbit::around(&scene, args.up.map(Triple::direction)).up;
+    let up = orbit_of(&args.scene, &scene, args.up).up;
     let operations = edit(&mut scene, args, up, printer)?;
     let mut bytes = None;
     if let Some(out) = &args.out {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::export_page;
-use instgs_console::args::{Triple, open_scene, parse_near, parse_up};
+use instgs_console::args::{Triple, open_scene, orbit_of, parse_near, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
@@ -17,7 +17,6 @@ use instgs_io::{
 use instgs_objects::pipeline::config::ConfigBuilder;
 use instgs_train::config::{ConfigError, TrainConfig};
 use instgs_train::{FinishJob, USUAL_PICTURE_PSNR_DB, finish, measure_sensitivity, sensitivity_cameras};
-use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{InstancedScene, NearPlane};
 
 /// Writes a scene as .ply, .spz or .sog (instances are expanded into plain Gaussians), as .glb (glTF with
@@ -66,7 +65,7 @@ pub(super) struct ExportArgs {
     #[arg(long, value_name = "Z", value_parser = parse_near)]
     near: Option<f32>,
     /// Direction of the scene that becomes up (+y) in a .glb or OpenUSD file, or points up in an .html [default: as for render's
-    /// --orbit; for .html that of the training views, if the scene lies in the folder of its run]
+    /// --orbit]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     pub(super) up: Option<Triple>,
     /// Write a .glb in which all Gaussians are one mesh, instances expanded, for viewers that put whole meshes in order and so
@@ -194,7 +193,7 @@ fn write(
         (ExportFormat::Page(pack), _) => export_page::write(args, scene, pack, plan, printer)?,
         (ExportFormat::Instgs(Pack::Small), Some(plan)) => write_planned_scene_file(to, scene, plan)?,
         _ => {
-            let up = Orbit::around(scene, args.up.map(Triple::direction)).up;
+            let up = orbit_of(&args.scene, scene, args.up).up;
             exported = export_scene(to, scene, format, up)?;
         }
     }

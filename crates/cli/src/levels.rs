@@ -5,14 +5,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use instgs_console::args::{create_folder_of, open_scene};
+use instgs_console::args::{create_folder_of, open_scene, orbit_of};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
 use instgs_io::{ExportFormat, IoError, export_scene, packing_lost};
 use instgs_levels::{FitOptions, LevelReport, fit_template};
 use instgs_vk::scene::lod::{FittedLevel, merged_levels, template_print};
-use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Gaussians, InstancedScene};
 
 /// Optimises the levels of detail of a scene's templates and stores them in the scene, for --lod of render, bench and the
@@ -105,7 +104,7 @@ pub(super) fn run(args: &LevelsArgs, device_args: &DeviceArgs, printer: &Printer
     device::check_validation(&gpu)?;
     // The file may be the scene's own.
     let lost = packing_lost(&args.scene).filter(|_| matches!(format, ExportFormat::Instgs(_)));
-    let exported = export_scene(&args.out, &scene, format, Orbit::around(&scene, None).up)?;
+    let exported = export_scene(&args.out, &scene, format, orbit_of(&args.scene, &scene, None).up)?;
     exported.notes(&args.out, &scene, format).iter().chain(&lost).for_each(|note| printer.warning(note));
     let report = Report {
         scene: args.scene.display().to_string(),

@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use instgs_console::args::{create_folder_of, open_scene, parse_near};
+use instgs_console::args::{create_folder_of, open_scene, orbit_of, parse_near};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
 use instgs_io::{ExportFormat, Split, export_scene, packing_lost, read_views};
 use instgs_train::pruning::{picture_psnr, prune};
-use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, NearPlane};
 
 /// Removes the Gaussians that pictures show least of: the scene gets smaller and draws faster. Each is judged by its weight in the
@@ -84,7 +83,7 @@ pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer)
     drop(progress);
     let picture_psnr = picture_psnr(&gpu, [&scene, &pruned.scene], &cameras)?;
     device::check_validation(&gpu)?;
-    let up = Orbit::around(&scene, None).up;
+    let up = orbit_of(&args.scene, &scene, None).up;
     // The file may be the scene's own.
     let lost = packing_lost(&args.scene).filter(|_| matches!(format, ExportFormat::Instgs(_)));
     let exported = export_scene(&args.out, &pruned.scene, format, up)?;

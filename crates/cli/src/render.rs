@@ -83,7 +83,7 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
     let memory = args.host_memory.of_scenes();
     let opened = OpenedScene::open_warned(&args.scene, memory, printer)?;
     let options = args.memory.apply(args.precision.apply(args.lod.apply(args.look.options(opened.scene()))));
-    let cameras = args.views.cameras(opened.scene(), options.near, printer)?;
+    let cameras = args.views.cameras(&args.scene, opened.scene(), options.near, printer)?;
     let names = picture_files::names(&cameras)?;
     create_folder(&args.out)?;
     let gpu = device::open(device_args.choice())?;

@@ -9,6 +9,7 @@ use crate::error::CliError;
 use crate::opened::SceneMemory;
 use crate::printer::Printer;
 use instgs_io::dataset::Split;
+use instgs_io::page::up_beside;
 use instgs_io::{IoError, LoadedScene, View, load_scene, load_scene_to_draw, read_cameras, read_views};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::RenderOptions;
@@ -45,7 +46,8 @@ pub struct ViewArgs {
     /// Picture size; views of other sizes are scaled per axis [default: the views' own; 1280x720 with --orbit]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u32, u32)>,
-    /// Up axis of --orbit [default: for a flat scene the one of -y, +z, +x nearest to its normal; else -y]
+    /// Up axis of --orbit [default: that of the training cameras, if the scene lies in the folder of its run; else, for a
+    /// flat scene, the one of -y, +z, +x nearest to its normal; else -y]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, conflicts_with_all = ["data", "camera"], allow_hyphen_values = true)]
     up: Option<Triple>,
 }
@@ -98,14 +100,26 @@ impl Triple {
     }
 }
 
+/// The circle of cameras around a scene. Up is as given, else as the training cameras beside the scene's file have it, else guessed from
+/// the scene.
+pub fn orbit_of(path: &Path, scene: &InstancedScene, given: Option<Triple>) -> Orbit {
+    Orbit::around(scene, given.map(Triple::direction).or_else(|| up_beside(path, scene)))
+}
+
 impl ViewArgs {
-    /// The selected cameras, at least one. Warns if the near plane would cut into the scene as a circle of cameras sees it.
-    pub fn cameras(&self, scene: &InstancedScene, near: f32, printer: &Printer) -> Result<Vec<Camera>, CliError> {
+    /// The selected cameras, at least one; `path` is the scene's file. Warns if the near plane would cut into the scene as a circle of cameras sees it.
+    pub fn cameras(
+        &self,
+        path: &Path,
+        scene: &InstancedScene,
+        near: f32,
+        printer: &Printer,
+    ) -> Result<Vec<Camera>, CliError> {
         let cameras = match &self.source {
             ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder, printer)?,
             ViewSource { camera: Some(path), .. } => read_cameras(path)?,
             ViewSource { orbit, .. } => {
-                let circle = Orbit::around(scene, self.up.map(Triple::direction));
+                let circle = orbit_of(path, scene, self.up);
                 // Half of the scene is within less than half the distance from the centre.
                 if circle.distance < 1.5 * f64::from(near) {
                     let distance = circle.distance;

@@ -14,7 +14,7 @@ use crate::views::View;
 use crate::window::{self, WindowJob};
 use crate::{PlayerError, SceneViewer, ViewerOptions};
 use instgs_console::args::{
-    HostMemoryArgs, LodArgs, LookArgs, MemoryArgs, PrecisionArgs, Triple, parse_size, parse_up,
+    HostMemoryArgs, LodArgs, LookArgs, MemoryArgs, PrecisionArgs, Triple, orbit_of, parse_size, parse_up,
 };
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::opened::OpenedScene;
@@ -24,7 +24,6 @@ use instgs_io::json::as_map;
 use instgs_io::{IoError, Place, read_boxes, read_views};
 use instgs_vk::math::statistics::{Percentiles, median};
 use instgs_vk::render::FrameStats;
-use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Shows a scene in a window: orbit or fly through it, edit it, view depth, instances and rendering cost. F1 lists the
@@ -87,7 +86,8 @@ struct PlayerArgs {
     /// template's radius, default 0.2); smallest alpha of ellipses (default 0.3)
     #[arg(long, value_name = "X", value_parser = parse_level)]
     level: Option<f32>,
-    /// Up axis of the scene [default: for a flat scene the one of -y, +z, +x nearest to its normal; else -y]
+    /// Up axis of the scene [default: that of the training cameras, if the scene lies in the folder of its run; else, for a
+    /// flat scene, the one of -y, +z, +x nearest to its normal; else -y]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     up: Option<Triple>,
     #[command(flatten)]
@@ -251,7 +251,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
 }
 
 fn viewer_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOptions, CliError> {
-    let distance = Orbit::around(scene, args.up.map(Triple::direction)).distance;
+    let distance = orbit_of(&args.scene, scene, args.up).distance;
     let view = args.show;
     let show = match args.level {
         None => Some(view.show(distance)),
@@ -267,7 +267,7 @@ fn viewer_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOpt
 fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -> Vec<Camera> {
     let frames = args.frames.unwrap_or(0);
     if cameras.is_empty() {
-        return Orbit::around(scene, args.up.map(Triple::direction)).cameras(frames.min(100_000) as u32, args.size);
+        return orbit_of(&args.scene, scene, args.up).cameras(frames.min(100_000) as u32, args.size);
     }
     cameras.iter().map(|camera| camera.in_shape(args.size.into())).collect()
 }

@@ -154,8 +154,8 @@ impl Scene {
         Gaussians { cloud: py.detach(move || scene.flatten()) }
     }
 
-    /// count cameras on a circle around the scene, as render's --orbit. size: (width, height), pixels; up: a direction,
-    /// by default that of a flat scene's normal, else -y.
+    /// count cameras on a circle around the scene, as render's --orbit beside no run. size: (width, height), pixels; up: a
+    /// direction, by default that of a flat scene's normal, else -y.
     #[pyo3(signature = (count, size = (1280, 720), up = None))]
     fn orbit(
         &self,

@@ -28,7 +28,7 @@ use base85::base85;
 use instgs_vk::scene::camera::Camera;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::up::up_direction;
+use instgs_vk::scene::up::UpAxes;
 
 /// The page, with `{{NAME}}` where something goes.
 const TEMPLATE: &str = include_str!("../../web/page.html");
@@ -90,10 +90,23 @@ pub fn cameras_beside(scene: &Path) -> Result<Vec<Camera>, IoError> {
     if file.is_file() { read_cameras(&file) } else { Ok(Vec::new()) }
 }
 
+/// The up axis of the training cameras beside a scene; `None` without them, and if they look straight at the scene's background: it
+/// may then be the north of a flight, and the scene itself tells more.
+pub fn up_beside(path: &Path, scene: &InstancedScene) -> Option<DVec3> {
+    up_of_run(&cameras_beside(path).unwrap_or_default(), scene)
+}
+
+/// The same for cameras that are read already.
+pub fn up_of_run(cameras: &[Camera], scene: &InstancedScene) -> Option<DVec3> {
+    let axes = UpAxes::of(cameras, scene.background.means.iter().copied());
+    axes.level.filter(|_| axes.straight.is_none())
+}
+
 impl<'a> PageOptions<'a> {
-    /// Begins at the first of the views that a scene was trained on, with up as they have it; without views, at the whole scene.
+    /// Begins at the first of the views that a scene was trained on, with up as they have it ([`up_of_run`]); without views, at the whole
+    /// scene.
     pub fn of_views(scene: &InstancedScene, pack: Pack, views: &'a [Camera]) -> Self {
-        let up = up_direction(views).unwrap_or_else(|| Orbit::around(scene, None).up);
+        let up = Orbit::around(scene, up_of_run(views, scene)).up;
         Self { pack, small: None, camera: views.first(), up }
     }
 }
