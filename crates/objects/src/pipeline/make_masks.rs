@@ -29,6 +29,9 @@ use instgs_vk::scene::{Boxes, InstancedScene};
 /// Models or the runtime library that are missing; a photo that cannot be read; no detection in any photo.
 pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Option<StageTime>, PipelineError> {
     let MaskSource::Prompt { prompt, models } = MaskSource::of(job)? else { return Ok(None) };
+    if has_served(job) {
+        return Ok(MadeMasks::noted(job)?.map(|made| made.stage()));
+    }
     if let Some(made) = MadeMasks::kept(job)? {
         return Ok(Some(made.stage()));
     }
@@ -48,6 +51,11 @@ pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Resu
     told?;
     observer.notify(Message::NamesFound(&report))?;
     Ok(Some(clock.end(observer)?))
+}
+
+/// True if the objects of a job that resumes are found: what they were made from is not needed any more.
+fn has_served(job: &PipelineJob) -> bool {
+    job.resume && is_segmented(&job.folder()) && !are_of_another_cloud(&job.folder())
 }
 
 /// Result of the masks from boxes.
@@ -71,8 +79,7 @@ pub(super) fn masks_from_boxes(
 ) -> Result<Option<FoundByBoxes>, PipelineError> {
     let MaskSource::Boxes(path) = MaskSource::of(job)? else { return Ok(None) };
     let found = |made: MadeMasks| FoundByBoxes { stage: made.stage(), notes: made.notes };
-    if job.resume && is_segmented(&job.folder()) && !are_of_another_cloud(&job.folder()) {
-        // Neither masks nor boxes are needed any more.
+    if has_served(job) {
         return Ok(MadeMasks::noted(job)?.map(found));
     }
     if let Some(made) = MadeMasks::kept(job)? {
