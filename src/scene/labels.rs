@@ -13,6 +13,18 @@ pub struct InstanceLabel {
 }
 
 impl InstancedScene {
+    /// The label of an instance, as [`InstancedScene::instance_labels`] has it.
+    ///
+    /// # Panics
+    /// If there is no such instance.
+    pub fn instance_label(&self, k: usize) -> InstanceLabel {
+        let template = self.instances[k].template;
+        if template as usize >= self.template_ranges.len() {
+            return InstanceLabel::default();
+        }
+        label_at(&self.groups, template, self.instances[..k].iter().filter(|i| i.template == template).count())
+    }
+
     /// The label of every instance. The j-th instance of a template has the j-th id of the template's groups,
     /// concatenated; instances beyond the last id belong to the last group, without an id.
     pub fn instance_labels(&self) -> Vec<InstanceLabel> {
@@ -107,7 +119,9 @@ mod tests {
             ..InstancedScene::default()
         };
         let labels = |scene: &InstancedScene| -> Vec<(Option<usize>, Option<u32>)> {
-            scene.instance_labels().iter().map(|l| (l.group, l.id)).collect()
+            let all = scene.instance_labels();
+            assert!((0..all.len()).all(|k| scene.instance_label(k) == all[k]));
+            all.iter().map(|l| (l.group, l.id)).collect()
         };
         let g = Some;
         let want = [

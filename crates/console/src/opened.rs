@@ -131,7 +131,7 @@ impl OpenedScene {
     }
 
     /// All warnings for the user, one line each.
-    fn warnings(&self, memory: SceneMemory) -> Vec<String> {
+    pub fn warnings(&self, memory: SceneMemory) -> Vec<String> {
         let Self::Whole(loaded) = self else { return Vec::new() };
         let mut warnings = loaded.warnings();
         let needed = needed_on_host(&loaded.scene, loaded.scene.source_len() as u64);

@@ -220,6 +220,22 @@ impl BoxList {
         }
     }
 
+    /// Completes the change in progress as a part of the last undo step, if that changed the same box alone: a key that is held moves a
+    /// box many times.
+    pub fn finish_again(&mut self) {
+        let others = |state: &State| {
+            let chosen = state.chosen?;
+            let others = state.boxes.iter().enumerate().filter(|(i, _)| *i != chosen).map(|(_, listed)| listed.clone());
+            Some((state.boxes.get(chosen)?.object.id, others.collect::<Vec<_>>()))
+        };
+        let goes_on = self.redo.is_empty() && self.undo.last().is_some_and(|last| others(last) == others(&self.now));
+        if goes_on {
+            self.before = None;
+        } else {
+            self.finish();
+        }
+    }
+
     /// Reverts and drops the change in progress.
     pub fn cancel(&mut self) {
         if let Some(before) = self.before.take() {
@@ -290,6 +306,34 @@ mod tests {
         list.draw(at(5.0));
         assert_eq!(list.take_found(1, vec![at(9.0)]), None, "the search was for the box that is gone");
         assert_eq!((list.boxes().len(), list.boxes()[0].object.id), (1, 2));
+    }
+
+    #[test]
+    fn what_a_held_key_does_is_one_step() {
+        let mut list = BoxList::default();
+        list.draw(at(0.0));
+        list.change(at(1.0));
+        list.finish();
+        for x in [2.0, 3.0] {
+            list.change(at(x));
+            list.finish_again();
+        }
+        assert!(places(&list) == [(1, 3.0)] && list.steps() == [2, 0] && !list.is_live());
+        assert!(list.undo() && places(&list) == [(1, 0.0)]);
+        // After a step that was undone, and on another box, it begins one of its own.
+        list.change(at(7.0));
+        list.finish_again();
+        assert!(list.steps() == [2, 0] && list.undo() && places(&list) == [(1, 0.0)]);
+        list.draw(at(5.0));
+        for x in [6.0, 7.0] {
+            list.change(at(x));
+            list.finish_again();
+        }
+        assert_eq!((places(&list), list.steps()), (vec![(1, 0.0), (2, 7.0)], [3, 0]), "drawing is a step of its own");
+        list.choose(Some(0));
+        list.change(at(1.0));
+        list.finish_again();
+        assert_eq!(list.steps(), [4, 0]);
     }
 
     /// The first click of a double click is reverted and leaves the redo history as it was.

@@ -33,11 +33,15 @@ pub struct Editor {
     has_forgotten: bool,
     /// The state before the change in progress.
     in_progress: Option<Step>,
+    /// True if the last edit of a change in progress was not possible, so that there is none now.
+    live_failed: bool,
     unsaved: bool,
     /// Counts changes of the scene, undone and redone ones included.
     revision: u64,
     /// Counts changes of which instances there are and how they are called, those of a drag included.
     listing: u64,
+    /// Counts changes of the background.
+    background: u64,
 }
 
 /// What an undo step is called that changes nothing of the scene.
@@ -84,6 +88,11 @@ impl Editor {
     /// does not change it.
     pub fn listing(&self) -> u64 {
         self.listing
+    }
+
+    /// A number that changes whenever Gaussians leave the background or come back to it.
+    pub fn background(&self) -> u64 {
+        self.background
     }
 
     /// True if the oldest changes were dropped, so that the scene as it was opened cannot be had back.
@@ -253,14 +262,41 @@ impl Editor {
         (!self.chosen.is_empty()).then(|| Selector::Indices(self.chosen.iter().copied().collect()))
     }
 
-    /// Applies an edit as one undo step. Added instances are selected, removed ones leave the selection.
+    /// Applies an edit as one undo step, or as none if it changes nothing. Added instances are selected, removed ones leave the
+    /// selection.
     ///
     /// # Errors
     /// The edit cannot be applied; the scene is unchanged.
     pub fn apply(&mut self, scene: &mut InstancedScene, edit: &Edit) -> Result<(EditOutcome, Changed), EditError> {
         self.finish();
         let (step, outcome, changed) = self.change(scene, edit)?;
-        self.push(step);
+        if !step.parts.is_empty() {
+            self.push(step);
+        }
+        Ok((outcome, changed))
+    }
+
+    /// Applies an edit as [`Editor::apply`] does. If the last undo step moved the same instances in the same way, both are one step:
+    /// a key that is held moves them many times.
+    ///
+    /// # Errors
+    /// The edit cannot be applied; the scene is unchanged.
+    pub fn apply_again(
+        &mut self,
+        scene: &mut InstancedScene,
+        edit: &Edit,
+    ) -> Result<(EditOutcome, Changed), EditError> {
+        self.finish();
+        let (step, outcome, changed) = self.change(scene, edit)?;
+        let goes_on = |last: &Step| {
+            (last.what, &last.chosen) == (step.what, &step.chosen) && last.parts.are_places() && step.parts.are_places()
+        };
+        if self.redo.is_empty() && self.undo.last().is_some_and(goes_on) {
+            // The last step restores what was before both.
+            self.note(&step);
+        } else if !step.parts.is_empty() {
+            self.push(step);
+        }
         Ok((outcome, changed))
     }
 
@@ -274,8 +310,16 @@ impl Editor {
                 self.in_progress = Some(step);
                 (Ok(outcome), back.and(changed))
             }
-            Err(error) => (Err(error), back),
+            Err(error) => {
+                self.live_failed = true;
+                (Err(error), back)
+            }
         }
+    }
+
+    /// True if the last edit of a change in progress was not possible: there is none now, but the fields that asked for it stay.
+    pub fn has_live_failed(&self) -> bool {
+        self.live_failed
     }
 
     /// Pose of an instance before the change in progress, or its present one if there is none.
@@ -294,6 +338,7 @@ impl Editor {
 
     /// Completes the change in progress as one undo step. Does nothing if there is none.
     pub fn finish(&mut self) {
+        self.live_failed = false;
         // Moving an object back to its start is no change.
         if let Some(step) = self.in_progress.take().filter(|step| !step.parts.is_empty()) {
             self.push(step);
@@ -302,6 +347,7 @@ impl Editor {
 
     /// Reverts and drops the change in progress. Does nothing if there is none.
     pub fn cancel(&mut self, scene: &mut InstancedScene) -> Changed {
+        self.live_failed = false;
         match self.in_progress.take() {
             Some(step) => self.exchange(scene, step).1,
             None => Changed::Places(Vec::new()),
@@ -389,9 +435,10 @@ impl Editor {
         self.revision += u64::from(changes);
     }
 
-    /// Records that lists of instances are out of date, if a change may have made them so.
+    /// Records that lists of instances, or what is known of the background, are out of date, if a change may have made them so.
     fn note_listing(&mut self, parts: &Parts, changed: &Changed) {
         self.listing += u64::from(parts.has_groups() || *changed == Changed::Everything);
+        self.background += u64::from(parts.has_background());
     }
 
     fn forget_oldest(&mut self, most_steps: usize, most_bytes: u64) {

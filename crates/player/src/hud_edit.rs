@@ -134,7 +134,8 @@ impl EditPanel {
             self.scatter = ScatterFields::beside(facts);
         }
         self.steps = steps;
-        if !is_live && self.live.take().is_some() {
+        // An edit that is not possible leaves nothing in progress; the fields stay, so that they can be set otherwise.
+        if !is_live && !facts.editor.has_live_failed() && self.live.take().is_some() {
             // A key or a click ended the change.
             self.crop = None;
             self.scatter.preview = None;
@@ -236,7 +237,7 @@ fn pushes(ui: &mut Ui, enabled: bool, label: &str, action: Action, actions: &mut
 fn name(ui: &mut Ui, facts: &EditFacts<'_>, k: usize) {
     let scene = facts.scene;
     let template = scene.instances[k].template;
-    let label = scene.instance_labels()[k];
+    let label = scene.instance_label(k);
     let group = label.group.and_then(|g| scene.groups[g].name.as_deref());
     ui.strong(texts::instance(k, label.id));
     let count = scene.template_ranges[template as usize].count;

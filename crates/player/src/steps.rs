@@ -111,10 +111,24 @@ impl Parts {
         self.groups.is_some()
     }
 
+    /// True if the background is among the parts.
+    pub(super) fn has_background(&self) -> bool {
+        self.background.is_some()
+    }
+
     /// True if no part of the scene is stored.
     pub(super) fn is_empty(&self) -> bool {
+        self.instances.is_none() && self.has_no_more_than_instances()
+    }
+
+    /// True if the poses of instances are all that is stored.
+    pub(super) fn are_places(&self) -> bool {
+        self.instances.is_some() && self.has_no_more_than_instances()
+    }
+
+    fn has_no_more_than_instances(&self) -> bool {
         let Self {
-            instances,
+            instances: _,
             groups,
             offsets,
             own,
@@ -126,7 +140,7 @@ impl Parts {
         } = self;
         let lists = groups.is_none() && offsets.is_none() && color_from_template.is_none() && foreign_tensors.is_none();
         let clouds = own.is_none() && template_sh.is_none() && templates.is_none() && background.is_none();
-        lists && clouds && instances.is_none()
+        lists && clouds
     }
 
     /// Memory of the parts in bytes, without names.

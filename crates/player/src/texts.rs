@@ -368,6 +368,14 @@ pub(super) fn with_notes(done: String, notes: &[String]) -> String {
     }
 }
 
+/// What the reader of a file says of it: the first note, and the number of further ones.
+pub(super) fn opened_with_notes(notes: &[String]) -> String {
+    match notes {
+        [note, rest @ ..] if !rest.is_empty() => format!("{note} (and {} more)", rest.len()),
+        notes => notes.concat(),
+    }
+}
+
 /// A page does not begin at a training camera.
 pub(super) fn page_without_cameras(error: &dyn std::fmt::Display) -> String {
     format!("{error}: the page begins with the whole scene")

@@ -147,7 +147,7 @@ fn rank_of(scene: &InstancedScene, k: usize) -> usize {
 
 /// The name of an instance's group.
 pub(super) fn kept_label(scene: &InstancedScene, k: usize) -> Option<String> {
-    let group = scene.instance_labels()[k].group?;
+    let group = scene.instance_label(k).group?;
     scene.groups[group].name.clone()
 }
 

@@ -64,10 +64,12 @@ fn place(
     place_one: impl Fn(Similarity, DVec3) -> Similarity,
 ) -> Result<EditOutcome, EditReason> {
     let changed = which.resolve(scene)?;
-    let centres = template_centres(scene);
+    let mut centres = BTreeMap::new();
     let place_one = |&k: &usize| {
         let instance = &scene.instances[k];
-        checked(place_one(instance.world_from_template, centres[instance.template as usize]), k)
+        let centre =
+            centres.entry(instance.template).or_insert_with(|| template_centre(scene, instance.template as usize));
+        checked(place_one(instance.world_from_template, *centre), k)
     };
     let placements = changed.iter().map(place_one).collect::<Result<Vec<_>, _>>()?;
     for (&k, placement) in changed.iter().zip(placements) {

@@ -358,3 +358,63 @@ fn a_state_is_the_same_until_something_is_changed() {
     editor.apply(&mut scene, &edit).unwrap();
     assert!(!editor.is_at(revision));
 }
+
+/// A key that is held moves objects many times.
+#[test]
+fn what_a_held_key_does_is_one_step() {
+    let (mut scene, mut editor) = (sample_scene(), Editor::default());
+    let before = scene.clone();
+    editor.click(Some(0), false);
+    let edit = move_by(&editor, DVec3::X);
+    editor.apply(&mut scene, &edit).unwrap();
+    for _ in 0..3 {
+        editor.apply_again(&mut scene, &edit).unwrap();
+    }
+    assert_eq!(editor.steps(), [1, 0]);
+    let moved = |scene: &InstancedScene, k: usize| scene.instances[k].world_from_template.translation();
+    assert!((moved(&scene, 0) - moved(&before, 0) - 4.0 * DVec3::X).length() < 1e-12);
+    // Other instances, and what comes after a step that was undone, begin a step of their own.
+    editor.click(Some(1), false);
+    let other = move_by(&editor, DVec3::X);
+    editor.apply_again(&mut scene, &other).unwrap();
+    assert_eq!(editor.steps(), [2, 0]);
+    editor.undo(&mut scene);
+    editor.click(Some(0), false);
+    editor.apply_again(&mut scene, &edit).unwrap();
+    assert_eq!(editor.steps(), [2, 0]);
+    (0..2).for_each(|_| drop(editor.undo(&mut scene)));
+    assert!(scene == before);
+    // A copy in between is no move.
+    editor.apply(&mut scene, &Edit::Duplicate { which: Selector::Index(0), by: DVec3::Y, turn: None }).unwrap();
+    let copy = move_by(&editor, DVec3::X);
+    editor.apply_again(&mut scene, &copy).unwrap();
+    assert_eq!(editor.steps(), [2, 0]);
+}
+
+#[test]
+fn an_edit_that_changes_nothing_is_no_step() {
+    let (mut scene, mut editor) = (sample_scene(), Editor::default());
+    editor.click(Some(0), false);
+    let edit = move_by(&editor, DVec3::X);
+    editor.apply(&mut scene, &edit).unwrap();
+    editor.undo(&mut scene);
+    editor.saved();
+    let revision = editor.revision();
+    let nothing = move_by(&editor, DVec3::ZERO);
+    editor.apply(&mut scene, &nothing).unwrap();
+    editor.apply_again(&mut scene, &nothing).unwrap();
+    assert!(editor.steps() == [0, 1] && editor.is_at(revision) && !editor.is_unsaved());
+}
+
+#[test]
+fn a_live_edit_that_fails_is_known_until_the_change_ends() {
+    let (mut scene, mut editor) = (sample_scene(), Editor::default());
+    let corners = [DVec3::splat(-1e9), DVec3::splat(1e9)];
+    let all = Edit::Crop { template: 0, corners, keep: Keep::Outside };
+    assert!(editor.apply_live(&mut scene, &all).0.is_err() && editor.has_live_failed() && !editor.is_live());
+    editor.cancel(&mut scene);
+    assert!(!editor.has_live_failed());
+    drop(editor.apply_live(&mut scene, &all));
+    editor.finish();
+    assert!(!editor.has_live_failed());
+}

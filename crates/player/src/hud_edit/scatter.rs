@@ -41,7 +41,7 @@ pub(super) struct ScatterFields {
     /// Width and depth of the area, world units.
     extent: [f64; 2],
     /// Least distance between centres, world units.
-    distance: f64,
+    pub(super) distance: f64,
     /// Largest random rotation, degrees.
     turn: f64,
     seed: u64,
@@ -151,7 +151,9 @@ impl EditPanel {
                 live = Some(edit());
             }
             if ui.add_enabled(ready, Button::new(texts::APPLY)).clicked() {
-                done = Some(if previews { Action::Finish } else { Action::Edit(edit()) });
+                // What was refused is no preview: applying it says why once more.
+                let shown = previews && !facts.editor.has_live_failed();
+                done = Some(if shown { Action::Finish } else { Action::Edit(edit()) });
             }
             if previews && ui.button(texts::CANCEL).clicked() {
                 done = Some(Action::Cancel);
@@ -166,8 +168,11 @@ impl EditPanel {
             self.change(id, edit, actions);
         }
         if let Some(done) = done {
+            if done == Action::Cancel {
+                self.scatter.points.clear();
+            }
+            // The points stay until the copies are there, which are then selected: they may not fit.
             (self.scatter.preview, self.scatter.draws, self.live) = (None, false, None);
-            self.scatter.points.clear();
             actions.push(done);
         }
     }

@@ -1,6 +1,6 @@
 //! Fields for the base colour, and tools that change a template and with it all of its instances.
 
-use egui::{DragValue, Id, Slider, Ui};
+use egui::{Button, DragValue, Id, Slider, Ui};
 use glam::DVec3;
 
 use super::{Action, EditFacts, EditPanel, selector};
@@ -57,12 +57,16 @@ impl EditPanel {
     pub(super) fn recolour(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, first: usize, actions: &mut Vec<Action>) {
         let template = facts.scene.instances[first].template;
         let shift = &mut self.shift;
-        let mut colour = shift.rgb.map(|v| (MIDDLE + 255.0 * v).round() as u8);
+        let shown = shift.rgb.map(|v| (MIDDLE + 255.0 * v).round() as u8);
+        let mut colour = shown;
         let changed = ui.horizontal(|ui| {
             ui.label(texts::SHIFT);
             let mut changed = ui.color_edit_button_srgb(&mut colour).changed();
-            if changed {
-                shift.rgb = colour.map(|v| (f32::from(v) - MIDDLE) / 255.0);
+            // A channel that stays keeps what the button cannot show: further digits, and shifts beyond black and white.
+            for ((value, now), was) in shift.rgb.iter_mut().zip(colour).zip(shown) {
+                if now != was {
+                    *value = (f32::from(now) - MIDDLE) / 255.0;
+                }
             }
             for value in &mut shift.rgb {
                 changed |= ui.add(DragValue::new(value).speed(0.005).range(-1.0..=1.0).max_decimals(3)).changed();
@@ -92,14 +96,15 @@ impl EditPanel {
             return;
         };
         ui.label(texts::changes_all_of(template));
-        match self.crop.take() {
+        // The object may have another template since.
+        match self.crop.take().filter(|crop| crop.template == template) {
             None => {
                 if ui.button(texts::CROP).clicked() {
                     let id = ui.id().with("crop");
                     self.crop = Some(CropFields { id, template, bounds, corners: bounds, keep: Keep::Inside });
                 }
             }
-            Some(crop) => self.crop = self.go_on_cropping(ui, crop, actions),
+            Some(crop) => self.crop = self.go_on_cropping(ui, crop, facts.editor.has_live_failed(), actions),
         }
         ui.separator();
         let size = bounds[0].distance(bounds[1]);
@@ -116,7 +121,14 @@ impl EditPanel {
     }
 
     /// The sliders of a crop; `None` once it is applied or cancelled.
-    fn go_on_cropping(&mut self, ui: &mut Ui, mut crop: CropFields, actions: &mut Vec<Action>) -> Option<CropFields> {
+    /// With `failed` the last one was not possible, and there is nothing to apply.
+    fn go_on_cropping(
+        &mut self,
+        ui: &mut Ui,
+        mut crop: CropFields,
+        failed: bool,
+        actions: &mut Vec<Action>,
+    ) -> Option<CropFields> {
         let mut changed = false;
         let [low, high] = &mut crop.corners;
         for (axis, name) in [texts::X, texts::Y, texts::Z].into_iter().enumerate() {
@@ -142,7 +154,8 @@ impl EditPanel {
             self.change(id, Edit::Crop { template, corners, keep }, actions);
         }
         let done = ui.horizontal(|ui| {
-            let action = match (ui.button(texts::APPLY).clicked(), ui.button(texts::CANCEL).clicked()) {
+            let applies = ui.add_enabled(!failed, Button::new(texts::APPLY)).clicked();
+            let action = match (applies, ui.button(texts::CANCEL).clicked()) {
                 (true, _) => Action::Finish,
                 (_, true) => Action::Cancel,
                 _ => return false,

@@ -5,6 +5,7 @@ use egui::{Event, Pos2, Rect};
 use super::*;
 use crate::test_screen::{TestScreen, click, drag, press};
 use instgs_samples::sample_scene;
+use instgs_vk::scene::edit::Keep;
 
 /// A panel with the scene and the editor it shows.
 struct Desk {
@@ -12,6 +13,8 @@ struct Desk {
     panel: EditPanel,
     scene: InstancedScene,
     editor: Editor,
+    /// True in a test of edits that are not possible.
+    may_fail: bool,
 }
 
 impl Desk {
@@ -19,7 +22,7 @@ impl Desk {
         let mut editor = Editor::default();
         chosen.iter().for_each(|&k| editor.click(Some(k), true));
         let (screen, panel, scene) = (TestScreen::default(), EditPanel::default(), sample_scene());
-        let mut desk = Self { screen, panel, scene, editor };
+        let mut desk = Self { screen, panel, scene, editor, may_fail: false };
         // Windows settle on their size within the first frames.
         (0..4).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
         desk
@@ -42,8 +45,14 @@ impl Desk {
         });
         for action in &actions {
             match action {
-                Action::Edit(edit) => drop(self.editor.apply(&mut self.scene, edit).unwrap()),
-                Action::Live(edit) => drop(self.editor.apply_live(&mut self.scene, edit).0.unwrap()),
+                Action::Edit(edit) => {
+                    let done = self.editor.apply(&mut self.scene, edit);
+                    assert!(done.is_ok() || self.may_fail, "{edit:?}: {:?}", done.err());
+                }
+                Action::Live(edit) => {
+                    let (done, _) = self.editor.apply_live(&mut self.scene, edit);
+                    assert!(done.is_ok() || self.may_fail, "{edit:?}: {done:?}");
+                }
                 Action::Finish => self.editor.finish(),
                 Action::Cancel => drop(self.editor.cancel(&mut self.scene)),
                 _ => {}
@@ -270,4 +279,53 @@ fn scattering_and_the_brush_are_set_in_the_panel() {
     assert!(!desk.panel.brush.on && desk.panel.brush.radius > 0.0);
     assert_eq!(desk.click("Erase by clicking and dragging"), []);
     assert!(desk.panel.brush.on);
+}
+
+/// A box that leaves nothing is refused; the sliders stay for another one.
+#[test]
+fn a_crop_that_is_refused_can_be_set_otherwise() {
+    let mut desk = Desk::new(&[0]);
+    let before = desk.scene.clone();
+    desk.may_fail = true;
+    desk.click("Edit the template");
+    desk.click("Crop with a box");
+    let actions = desk.click("Remove inside");
+    assert!(matches!(actions.last(), Some(Action::Live(Edit::Crop { keep: Keep::Outside, .. }))), "{actions:?}");
+    (0..3).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
+    assert!(desk.scene == before && !desk.editor.is_live() && desk.screen.says("X from"));
+    assert_eq!(desk.click("Apply"), [], "there is nothing to apply");
+    let slider = desk.place("X from").left_center() - egui::vec2(110.0, 0.0);
+    [true, false].into_iter().for_each(|pressed| drop(desk.press(slider, pressed)));
+    assert!(desk.editor.is_live() && desk.scene.templates.len() < before.templates.len());
+    desk.click("Apply");
+    assert_eq!(desk.editor.steps(), [1, 0]);
+}
+
+#[test]
+fn a_crop_is_of_the_template_that_the_object_has() {
+    let mut desk = Desk::new(&[0]);
+    desk.click("Edit the template");
+    desk.click("Crop with a box");
+    assert!(desk.screen.says("X from"));
+    let unique = Edit::MakeUnique { which: Selector::Index(0) };
+    desk.editor.apply(&mut desk.scene, &unique).unwrap();
+    (0..3).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
+    assert!(!desk.screen.says("X from") && desk.screen.says("Crop with a box"));
+}
+
+/// What was drawn is kept until there are copies: they may not fit.
+#[test]
+fn scattering_that_fails_keeps_what_was_drawn() {
+    let mut desk = Desk::new(&[0]);
+    let before = desk.scene.clone();
+    desk.may_fail = true;
+    desk.click("Scatter copies");
+    desk.panel.scatter.points = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+    desk.panel.scatter.distance = 1e6;
+    let actions = desk.click("Apply");
+    assert!(matches!(actions.as_slice(), [Action::Edit(Edit::Scatter(_))]), "{actions:?}");
+    assert!(desk.scene == before && desk.panel.scatter.points.len() == 3);
+    desk.panel.scatter.distance = 0.0;
+    desk.click("Apply");
+    assert!(desk.scene.instances.len() > before.instances.len() && desk.panel.scatter.points.is_empty());
 }

@@ -58,10 +58,31 @@ impl SceneViewer {
     /// # Errors
     /// The edit is not possible, or the device refuses the changed scene; see [`ChangeError`].
     pub fn edit(&mut self, edit: &Edit) -> Result<EditOutcome, ChangeError> {
+        self.edit_by(edit, Editor::apply)
+    }
+
+    /// Applies an edit of a key that is held; see [`Editor::apply_again`].
+    ///
+    /// # Errors
+    /// The same errors as [`SceneViewer::edit`]; where the device refuses the scene, what the key has done so far is reverted.
+    pub fn edit_again(&mut self, edit: &Edit) -> Result<EditOutcome, ChangeError> {
+        self.edit_by(edit, Editor::apply_again)
+    }
+
+    fn edit_by(
+        &mut self,
+        edit: &Edit,
+        apply: impl FnOnce(&mut Editor, &mut InstancedScene, &Edit) -> Result<(EditOutcome, Changed), EditError>,
+    ) -> Result<EditOutcome, ChangeError> {
         self.check_editable(edit)?;
-        let unsaved = self.editor.is_unsaved();
-        let (outcome, changed) = self.editor.apply(&mut self.scene, edit).map_err(ChangeError::Rejected)?;
-        self.follow_or(&changed, |editor, scene| editor.refuse(scene, unsaved))?;
+        let (unsaved, revision) = (self.editor.is_unsaved(), self.editor.revision());
+        let (outcome, changed) = apply(&mut self.editor, &mut self.scene, edit).map_err(ChangeError::Rejected)?;
+        self.follow_or(&changed, |editor, scene| {
+            // An edit that changes nothing is no step.
+            if !editor.is_at(revision) {
+                editor.refuse(scene, unsaved);
+            }
+        })?;
         Ok(outcome)
     }
 

@@ -31,8 +31,8 @@ pub(super) struct Boxing {
     list: BoxList,
     grip: Option<BoxDrag>,
     hovered: Option<BoxPart>,
-    /// Surroundings of the cloud, computed at the first click.
-    around: Option<Surroundings>,
+    /// Surroundings of the cloud, computed at the first click, and the editor's number of the background that they are of.
+    around: Option<(u64, Surroundings)>,
     search: Option<Search>,
     /// True if searches also find objects of other sizes.
     other_sizes: bool,
@@ -186,7 +186,10 @@ impl Live {
         }
         let [_, _, up] = self.camera.navigator.level_axes();
         let cloud = &self.session.viewer.scene().background;
-        let around = self.input.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
+        // What was given to an object since, or came back, changes what stands there.
+        let background = self.session.viewer.editor().background();
+        self.input.boxing.around.take_if(|(of, _)| *of != background);
+        let (_, around) = self.input.boxing.around.get_or_insert_with(|| (background, Surroundings::new(cloud, up)));
         match around.at(place, self.camera.navigator.eye()) {
             Standing::Object(found) => {
                 self.input.boxing.list.draw(object_of(found));
@@ -208,8 +211,8 @@ impl Live {
         self.hud.message = Some(words.into());
     }
 
-    /// Handles the keys of the tool; false for other keys.
-    pub(super) fn box_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
+    /// Handles the keys of the tool; false for other keys. With `repeats` the key is held.
+    pub(super) fn box_key(&mut self, code: KeyCode, repeats: bool) -> Result<bool, PlayerError> {
         self.box_stays();
         if self.input.controls.control {
             let action = match code {
@@ -234,13 +237,13 @@ impl Live {
             KeyCode::Escape => self.toggle_boxes()?,
             _ => {
                 let Some(index) = self.input.boxing.list.chosen() else { return Ok(false) };
-                return Ok(self.key_of_chosen_box(code, index));
+                return Ok(self.key_of_chosen_box(code, index, repeats));
             }
         }
         Ok(true)
     }
 
-    fn key_of_chosen_box(&mut self, code: KeyCode, index: usize) -> bool {
+    fn key_of_chosen_box(&mut self, code: KeyCode, index: usize, repeats: bool) -> bool {
         if matches!(code, KeyCode::Delete | KeyCode::Backspace) {
             self.box_let_go();
             self.input.boxing.list.remove(index);
@@ -250,8 +253,9 @@ impl Live {
         self.box_let_go();
         if let Some(listed) = self.input.boxing.list.chosen_box() {
             let moved = after(&listed.object, motion);
-            self.input.boxing.list.change(moved);
-            self.input.boxing.list.finish();
+            let list = &mut self.input.boxing.list;
+            list.change(moved);
+            if repeats { list.finish_again() } else { list.finish() }
         }
         true
     }
@@ -307,7 +311,7 @@ impl Live {
         let Boxing { list, panel, around, search, other_sizes, .. } = &mut self.input.boxing;
         let facts = BoxFacts {
             list,
-            up: around.as_ref().map_or(up, Surroundings::up),
+            up: around.as_ref().map_or(up, |(_, around)| around.up()),
             step,
             mode: self.input.editing.mode,
             searched: search.as_ref().map(Search::part),

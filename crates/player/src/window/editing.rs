@@ -88,7 +88,7 @@ impl Live {
     /// Centre and radius of the brush at the selection's depth, window pixels; `None` if the brush is off.
     pub(super) fn brush_px(&self) -> Option<([f64; 2], f64)> {
         let (brush, scene, editor) = (self.hud.edit.brush, self.session.viewer.scene(), self.session.viewer.editor());
-        let centre = editor.chosen_centre(scene).filter(|_| brush.on)?;
+        let centre = if brush.on { editor.chosen_centre(scene) } else { None }?;
         let scale = scene.instances[*editor.chosen().first()?].world_from_template.scale();
         let camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
         let depth = camera.view_from_point(centre).z;
@@ -226,7 +226,8 @@ impl Live {
         }
         let drew = self.hud.edit.stop_points();
         // The preview of a scattering, or the box of a cut.
-        if self.hud.edit.is_busy() && self.session.viewer.editor().is_live() {
+        let editor = self.session.viewer.editor();
+        if self.hud.edit.is_busy() && (editor.is_live() || editor.has_live_failed()) {
             self.session.viewer.cancel_live()?;
             return Ok(true);
         }
@@ -329,9 +330,18 @@ impl Live {
         Ok(())
     }
 
-    /// Handles keys that change the scene; false for other keys.
-    pub(super) fn edit_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
-        if self.input.boxing.on && self.box_key(code)? {
+    /// Handles keys that change the scene; false for other keys. With `repeats` the key is held: what it moves is one undo step, and
+    /// what is to be done once is not done again.
+    pub(super) fn edit_key(&mut self, code: KeyCode, repeats: bool) -> Result<bool, PlayerError> {
+        if self.input.boxing.on {
+            if self.box_key(code, repeats)? {
+                return Ok(true);
+            }
+            if !is_for_boxes_too(code, self.input.controls.control) {
+                return Ok(false);
+            }
+        }
+        if repeats && self.input.controls.control && !matches!(code, KeyCode::KeyZ | KeyCode::KeyY) {
             return Ok(true);
         }
         if self.input.controls.control {
@@ -423,9 +433,20 @@ impl Live {
             },
         };
         self.let_go()?;
-        let done = self.session.viewer.edit(&edit);
+        let viewer = &mut self.session.viewer;
+        let done = if repeats { viewer.edit_again(&edit) } else { viewer.edit(&edit) };
         self.show_outcome(done)?;
         Ok(true)
+    }
+}
+
+/// True for keys of the editor that serve the tool for boxes as well: kinds of handles, and the panels of files. The others change
+/// instances, which its undo does not bring back.
+fn is_for_boxes_too(code: KeyCode, control: bool) -> bool {
+    match code {
+        KeyCode::KeyO | KeyCode::KeyS => control,
+        KeyCode::KeyM | KeyCode::KeyT | KeyCode::KeyX | KeyCode::KeyN => !control,
+        _ => false,
     }
 }
 

@@ -207,7 +207,7 @@ impl Live {
         self.hud.message = None;
         let (control, shift) = (self.input.controls.control, self.input.controls.shift);
         self.input.asked.take_if(|asked| !asked.stays_at(code, control, shift));
-        if self.edit_key(code)? {
+        if self.edit_key(code, repeats)? {
             return Ok(After::Redraw);
         }
         // With Ctrl, these keys have another meaning or none.
@@ -230,6 +230,8 @@ impl Live {
             KeyCode::KeyB => self.toggle_boxes()?,
             KeyCode::KeyF if self.input.boxing.on => self.find_rest(),
             KeyCode::KeyF => self.act_on_camera(&Action::Frame)?,
+            // These two are of instances, as those that `edit_key` leaves out.
+            KeyCode::KeyL | KeyCode::KeyG if self.input.boxing.on => {}
             KeyCode::KeyL => {
                 self.let_go()?;
                 let chosen: Vec<usize> = self.session.viewer.editor().chosen().iter().copied().collect();

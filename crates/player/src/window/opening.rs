@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::DVec3;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle, RawWindowHandle};
 use winit::dpi::PhysicalSize;
 use winit::event_loop::ActiveEventLoop;
@@ -27,12 +26,12 @@ use crate::ui_painter::UiPainter;
 use crate::views::View;
 use instgs_console::opened::OpenedScene;
 use instgs_io::IoError;
-use instgs_io::page::cameras_beside;
+use instgs_io::page::{cameras_beside, up_of_run};
 use instgs_vk::gpu::{Faults, Gpu, GpuOptions};
 use instgs_vk::kernels::open_tuned;
 use instgs_vk::render::Show;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{Camera, InstancedScene, UpAxes, up_direction};
+use instgs_vk::scene::{InstancedScene, up_direction};
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
@@ -135,6 +134,7 @@ impl Live {
                 return Ok(());
             }
         };
+        let notes = opened.warnings(self.session.memory);
         let scene = opened.scene();
         let data = &self.camera.data_views.list;
         let beside = if data.is_empty() { cameras_beside(&self.session.path).unwrap_or_default() } else { Vec::new() };
@@ -167,6 +167,9 @@ impl Live {
             Ok(()) => {
                 self.session.has_scene = true;
                 self.recent.note(&self.session.path);
+                if !notes.is_empty() {
+                    self.hud.message = Some(texts::opened_with_notes(&notes));
+                }
             }
             Err(error) if error.is_lost() => return Err(error),
             // The scene does not fit this device; the next file may.
@@ -238,11 +241,4 @@ fn open_device(window: Arc<Window>, job: &WindowJob, mode: PresentMode) -> Resul
 fn handles(window: &Window) -> Result<(RawDisplayHandle, RawWindowHandle), PlayerError> {
     let display = window.display_handle().map_err(window_error)?.as_raw();
     Ok((display, window.window_handle().map_err(window_error)?.as_raw()))
-}
-
-/// The up axis of a run's cameras, as its page has it; `None` if they look straight at the scene's background: then it may be the north
-/// of a flight, and the scene itself tells more.
-fn up_of_run(cameras: &[Camera], scene: &InstancedScene) -> Option<DVec3> {
-    let axes = UpAxes::of(cameras, scene.background.means.iter().copied());
-    axes.level.filter(|_| axes.straight.is_none())
 }

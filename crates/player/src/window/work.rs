@@ -269,6 +269,7 @@ impl Live {
                 notes.extend(self.take_kept_cameras(&to));
                 self.recent.note(&to);
                 self.take_path(&to);
+                self.session.file_bytes = std::fs::metadata(&to).map_or(self.session.file_bytes, |file| file.len());
                 texts::with_notes(texts::saved(&to), &notes)
             }
         };

@@ -3,7 +3,6 @@
 use crate::search::{Search, Searched, without_view_dependence};
 use crate::texts;
 use crate::window::Live;
-use instgs_objects::segment::standing::Surroundings;
 
 impl Live {
     /// Starts the search for objects similar to the one in the selected box.
@@ -18,7 +17,7 @@ impl Live {
             return self.says(texts::CLICK_FIRST);
         };
         let [_, _, up] = self.camera.navigator.level_axes();
-        let up = self.input.boxing.around.as_ref().map_or(up, Surroundings::up);
+        let up = self.input.boxing.around.as_ref().map_or(up, |(_, around)| around.up());
         let cloud = without_view_dependence(&self.session.viewer.scene().background);
         let (cameras, object) = (self.camera.data_views.list.clone(), listed.object.clone());
         self.input.boxing.search = Some(Search::start(cloud, cameras, object, up, self.input.boxing.other_sizes));
