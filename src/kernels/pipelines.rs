@@ -82,7 +82,7 @@ pub struct BackwardPipelines {
     pub tile_blend_backward: Pipeline<tile_blend_backward::TileBlendBackward>,
     pub preprocess_instance_expand_backward:
         Pipeline<preprocess_instance_expand_backward::PreprocessInstanceExpandBackward>,
-    /// The same for steps in which poses and colour matrices do not learn; `None` for scenes without both.
+    /// The same for steps in which poses and colour matrices do not learn; `None` for scenes that have neither.
     pub preprocess_instance_expand_backward_but_instances:
         Option<Pipeline<preprocess_instance_expand_backward::PreprocessInstanceExpandBackward>>,
     pub gather_gradients: Pipeline<gather_gradients::GatherGradients>,

@@ -107,7 +107,8 @@ pub fn orbit_of(path: &Path, scene: &InstancedScene, given: Option<Triple>) -> O
 }
 
 impl ViewArgs {
-    /// The selected cameras, at least one; `path` is the scene's file. Warns if the near plane would cut into the scene as a circle of cameras sees it.
+    /// The selected cameras, at least one; `path` is the scene's file. Warns if the near plane would cut into the scene as a circle of
+    /// cameras sees it.
     pub fn cameras(
         &self,
         path: &Path,
