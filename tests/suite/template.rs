@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use crate::paddock::{embedded_scene, push_disc};
 use glam::{DMat3, DVec3};
 use instgs_objects::template::{
-    Built, InstanceReport, Keep, OffsetInit, OffsetKinds, Sampling, TemplateError, TemplateOptions, TemplateSource,
-    Unmatched, build,
+    Built, Doubles, InstanceReport, Keep, OffsetInit, OffsetKinds, Sampling, TemplateError, TemplateOptions,
+    TemplateSource, Unmatched, build,
 };
 use instgs_synth::car::car_surfels;
 use instgs_synth::livery::Livery;
@@ -277,7 +277,8 @@ fn unrelated_objects_are_a_poor_match() {
 fn template_plus_offset_is_an_own_gaussian() {
     let input = lumps(1, &[300, 280, 310]);
     let kinds = OffsetKinds { sh_degree: 3, covariance: true, ..OffsetKinds::default() };
-    let built = build_one(&input, &TemplateOptions { kinds, ..TemplateOptions::default() });
+    let doubles = Doubles::Alike;
+    let built = build_one(&input, &TemplateOptions { kinds, doubles, ..TemplateOptions::default() });
     built.scene.validate().unwrap();
     let (template, offsets) = (&built.scene.templates, &built.scene.offsets);
     assert_eq!((template.len(), offsets.len(), offsets.quats.len(), offsets.sh_rest.len()), (297, 891, 891, 3 * 891));
@@ -298,11 +299,14 @@ fn template_plus_offset_is_an_own_gaussian() {
             let j = near.index as usize;
             used += 1;
             let log_scales = widened(template.log_scales[i]) + widened(offsets.log_scales[o]) + pose.scale().ln();
-            assert!(log_scales.distance(widened(own.log_scales[j])) < 1e-5);
             let quat = std::array::from_fn(|c| f64::from(template.quats[i][c]) + f64::from(offsets.quats[o][c]));
             let turned = pose.rotation() * rotation_from_quat(quat);
-            let want = rotation_from_quat(own.quats[j].map(f64::from));
-            assert!((turned - want).to_cols_array().iter().all(|v| v.abs() < 1e-5));
+            // The axes have the order of the template's; the logarithm of the covariance has none.
+            let log_covariance = |r: DMat3, logs: DVec3| r * DMat3::from_diagonal(logs) * r.transpose();
+            let of_own = rotation_from_quat(own.quats[j].map(f64::from));
+            let want = log_covariance(of_own, widened(own.log_scales[j]));
+            let error = log_covariance(turned, log_scales) - want;
+            assert!(error.to_cols_array().iter().all(|v| v.abs() < 2e-5), "{error}");
             let mut sh: Vec<DVec3> = template.sh_of(i).iter().map(|&c| widened(c)).collect();
             sh[0] += widened(offsets.sh_dc[o]);
             (0..3).for_each(|c| sh[c + 1] += widened(offsets.sh_rest[3 * o + c]));
@@ -317,6 +321,48 @@ fn template_plus_offset_is_an_own_gaussian() {
         }
         assert_eq!(used, 297 - built.report[0].instances[k].lacking);
     }
+}
+
+/// Two that stand for the same Gaussian of an instance are its halves: one to each side of it, with its longest axis divided by 1.6 and
+/// 0.6 of its opacity. A template of twice as many has two for most.
+#[test]
+fn two_for_one_are_its_halves() {
+    let input = lumps(1, &[300, 300, 300]);
+    let kinds = OffsetKinds { covariance: true, ..OffsetKinds::default() };
+    let options = TemplateOptions { kinds, count_factor: 2.0, ..TemplateOptions::default() };
+    let built = build_one(&input, &options);
+    let (template, offsets, count) = (&built.scene.templates, &built.scene.offsets, built.scene.templates.len());
+    assert_eq!(count, 600);
+    let mut pairs = 0;
+    for (k, pose) in input.group.instances.iter().enumerate() {
+        let (own, pose) = (own(&input, k), pose.world_from_template);
+        let of = |i: usize| {
+            let o = count * k + i;
+            let mean = pose.transform_point(widened(template.means[i]) + widened(offsets.means[o]));
+            let opacity = sigmoid(f64::from(template.opacity_logits[i] + offsets.opacity_logits[o]));
+            let logs = widened(template.log_scales[i]) + widened(offsets.log_scales[o]) + pose.scale().ln();
+            (mean, opacity, logs)
+        };
+        let all: Vec<(DVec3, f64, DVec3)> = (0..count).map(of).collect();
+        for j in 0..own.len() {
+            let (mean, logs) = (widened(own.means[j]), widened(own.log_scales[j]));
+            let away = (1.0f64 - 1.6f64.powi(-2)).sqrt() * logs.max_element().exp();
+            let is_half = |(at, ..): &&(DVec3, f64, DVec3)| (at.distance(mean) - away).abs() < 1e-3 * away;
+            let halves: Vec<_> = all.iter().filter(is_half).collect();
+            let [one, other] = halves[..] else { continue };
+            if (one.0 + other.0).distance(2.0 * mean) > 1e-3 * away {
+                continue;
+            }
+            pairs += 1;
+            let opacity = 0.6 * sigmoid(f64::from(own.opacity_logits[j].clamp(-7.0, 7.0)));
+            for (_, of_half, logs_of_half) in [one, other] {
+                assert!((of_half - opacity.max(sigmoid(-4.6).min(opacity / 0.6))).abs() < 1e-4, "{of_half} {opacity}");
+                let shorter = logs.element_sum() - logs_of_half.element_sum();
+                assert!((shorter - 1.6f64.ln()).abs() < 1e-3, "{shorter}");
+            }
+        }
+    }
+    assert!(pairs > 500, "{pairs} of 900");
 }
 
 /// Offsets not wanted are zero, or empty; without any, instances have no records.

@@ -40,7 +40,7 @@ pub(super) fn push_offsets(
     if !own.is_usable() {
         return common;
     }
-    let matches = match_template(template, cloud, own, options.doubles);
+    let matches = match_template(template, cloud, own, options.doubles());
     for (i, matched) in matches.iter().enumerate() {
         let record = Record { template: &template.gaussians, i, out, index: first + i, options };
         if matched.is_near(template, i) {

@@ -124,7 +124,8 @@ pub struct TemplateOptions {
     pub offsets: OffsetInit,
     /// What becomes of an instance's Gaussians without a match.
     pub unmatched: Unmatched,
-    /// What stands for the same Gaussian of an instance.
+    /// What stands for the same Gaussian of an instance; without offsets of position and shape, or if they start from zero,
+    /// [`Doubles::Alike`].
     pub doubles: Doubles,
     /// Parameters that have offsets; those of the others stay zero or, for the ablations, empty.
     pub kinds: OffsetKinds,
@@ -159,6 +160,12 @@ impl Default for TemplateOptions {
 }
 
 impl TemplateOptions {
+    /// What stands for the same Gaussian of an instance: halves only where offsets say what each instance's are.
+    pub(super) fn doubles(&self) -> Doubles {
+        let said = self.kinds.position && self.kinds.covariance && self.keep == Keep::All;
+        if said && self.offsets == OffsetInit::Difference { self.doubles } else { Doubles::Alike }
+    }
+
     /// Checks that all options are in range.
     pub(super) fn validate(&self) -> Result<(), TemplateError> {
         if self.count_factor.is_finite() && self.count_factor > 0.0 {

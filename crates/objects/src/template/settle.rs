@@ -38,7 +38,7 @@ pub(super) fn settle(
 ) -> TemplateCloud {
     for _ in 0..options.settle_rounds {
         let mut gaussians = template.gaussians.clone();
-        let sums = sums_of_matches(&template, cloud, instances, options.doubles);
+        let sums = sums_of_matches(&template, cloud, instances, options.doubles());
         for (i, sums) in sums.iter().enumerate().filter(|(_, sums)| sums.count > 0.0) {
             sums.write_mean(&mut gaussians, i);
         }
@@ -110,6 +110,7 @@ impl Sums {
 mod tests {
     use super::*;
     use crate::template::instance_cloud::Owners;
+    use crate::template::options::OffsetKinds;
     use instgs_vk::math::covariance::sigmoid;
     use instgs_vk::math::rng::Rng;
     use instgs_vk::math::similarity::Similarity;
@@ -152,7 +153,8 @@ mod tests {
     }
 
     fn rounds(settle_rounds: u32) -> TemplateOptions {
-        TemplateOptions { settle_rounds, ..TemplateOptions::default() }
+        let kinds = OffsetKinds { covariance: true, ..OffsetKinds::default() };
+        TemplateOptions { settle_rounds, kinds, ..TemplateOptions::default() }
     }
 
     /// Without the pose's scale, log scales would be off by ln 3 / 2.
