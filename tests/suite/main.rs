@@ -60,3 +60,4 @@ mod register_render;
 mod segment;
 mod stage_pictures;
 mod template;
+mod template_offsets;

@@ -77,6 +77,18 @@ impl Desk {
         self.pictures(click(self.place(text).center()))
     }
 
+    /// Opens the sliders of a crop.
+    fn begin_crop(&mut self) {
+        self.click("Edit the template");
+        self.click("Crop with a box");
+    }
+
+    /// Sets the slider of a text: it is left of it, and a press sets it to its middle.
+    fn press_slider(&mut self, text: &str) -> Vec<Action> {
+        let slider = self.place(text).left_center() - egui::vec2(110.0, 0.0);
+        [true, false].into_iter().flat_map(|pressed| self.press(slider, pressed)).collect()
+    }
+
     /// Drags the field to the right of a label.
     fn drag(&mut self, label: &str, by: f32) -> Vec<Action> {
         self.pictures(drag(self.place(label).right_center() + egui::vec2(14.0, 0.0), by))
@@ -211,11 +223,8 @@ fn a_crop_is_one_step_or_none() {
     for (button, steps) in [("Apply", [1, 0]), ("Cancel", [0, 0])] {
         let mut desk = Desk::new(&[0]);
         let before = desk.scene.clone();
-        desk.click("Edit the template");
-        desk.click("Crop with a box");
-        // Sliders are left of their texts; a press in the middle sets them.
-        let slider = desk.place("X from").left_center() - egui::vec2(110.0, 0.0);
-        let actions: Vec<Action> = [true, false].into_iter().flat_map(|pressed| desk.press(slider, pressed)).collect();
+        desk.begin_crop();
+        let actions = desk.press_slider("X from");
         assert!(
             actions.iter().any(|action| matches!(action, Action::Live(Edit::Crop { template: 0, .. }))),
             "{actions:?}"
@@ -287,15 +296,13 @@ fn a_crop_that_is_refused_can_be_set_otherwise() {
     let mut desk = Desk::new(&[0]);
     let before = desk.scene.clone();
     desk.may_fail = true;
-    desk.click("Edit the template");
-    desk.click("Crop with a box");
+    desk.begin_crop();
     let actions = desk.click("Remove inside");
     assert!(matches!(actions.last(), Some(Action::Live(Edit::Crop { keep: Keep::Outside, .. }))), "{actions:?}");
     (0..3).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
     assert!(desk.scene == before && !desk.editor.is_live() && desk.screen.says("X from"));
     assert_eq!(desk.click("Apply"), [], "there is nothing to apply");
-    let slider = desk.place("X from").left_center() - egui::vec2(110.0, 0.0);
-    [true, false].into_iter().for_each(|pressed| drop(desk.press(slider, pressed)));
+    desk.press_slider("X from");
     assert!(desk.editor.is_live() && desk.scene.templates.len() < before.templates.len());
     desk.click("Apply");
     assert_eq!(desk.editor.steps(), [1, 0]);
@@ -304,8 +311,7 @@ fn a_crop_that_is_refused_can_be_set_otherwise() {
 #[test]
 fn a_crop_is_of_the_template_that_the_object_has() {
     let mut desk = Desk::new(&[0]);
-    desk.click("Edit the template");
-    desk.click("Crop with a box");
+    desk.begin_crop();
     assert!(desk.screen.says("X from"));
     let unique = Edit::MakeUnique { which: Selector::Index(0) };
     desk.editor.apply(&mut desk.scene, &unique).unwrap();
