@@ -100,15 +100,15 @@ impl Triple {
     }
 }
 
-/// The circle of cameras around a scene. Up is as given, else as the training cameras beside the scene's file have it, else guessed from
-/// the scene.
+/// The circle of cameras around a scene. Up is as given, else that of the training cameras beside the scene's file, else a guess
+/// ([`Orbit::around`]).
 pub fn orbit_of(path: &Path, scene: &InstancedScene, given: Option<Triple>) -> Orbit {
     Orbit::around(scene, given.map(Triple::direction).or_else(|| up_beside(path, scene)))
 }
 
 impl ViewArgs {
-    /// The selected cameras, at least one; `path` is the scene's file. Warns if the near plane would cut into the scene as a circle of
-    /// cameras sees it.
+    /// The selected cameras, at least one; `path` is the scene's file. Warns if the near plane would cut into what a circle of cameras
+    /// sees of the scene.
     pub fn cameras(
         &self,
         path: &Path,

@@ -24,6 +24,7 @@ use instgs_io::json::as_map;
 use instgs_io::{IoError, Place, read_boxes, read_views};
 use instgs_vk::math::statistics::{Percentiles, median};
 use instgs_vk::render::FrameStats;
+use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Shows a scene in a window: orbit or fly through it, edit it, view depth, instances and rendering cost. F1 lists the
@@ -251,7 +252,8 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
 }
 
 fn viewer_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOptions, CliError> {
-    let distance = orbit_of(&args.scene, scene, args.up).distance;
+    // It is the same whatever is up.
+    let distance = Orbit::around(scene, None).distance;
     let view = args.show;
     let show = match args.level {
         None => Some(view.show(distance)),
@@ -267,6 +269,10 @@ fn viewer_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOpt
 fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -> Vec<Camera> {
     let frames = args.frames.unwrap_or(0);
     if cameras.is_empty() {
+        // A window flies by itself.
+        if frames == 0 {
+            return Vec::new();
+        }
         return orbit_of(&args.scene, scene, args.up).cameras(frames.min(100_000) as u32, args.size);
     }
     cameras.iter().map(|camera| camera.in_shape(args.size.into())).collect()

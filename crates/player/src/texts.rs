@@ -361,18 +361,15 @@ pub(super) fn exported(to: &Path) -> String {
 
 /// What was done, with the first note about it and the number of further ones.
 pub(super) fn with_notes(done: String, notes: &[String]) -> String {
-    match notes {
-        [] => done,
-        [note] => format!("{done}; {note}"),
-        [note, rest @ ..] => format!("{done}; {note} (and {} more)", rest.len()),
-    }
+    if notes.is_empty() { done } else { format!("{done}; {}", first_note(notes)) }
 }
 
-/// What the reader of a file says of it: the first note, and the number of further ones.
-pub(super) fn opened_with_notes(notes: &[String]) -> String {
+/// The first note, and the number of further ones.
+pub(super) fn first_note(notes: &[String]) -> String {
     match notes {
-        [note, rest @ ..] if !rest.is_empty() => format!("{note} (and {} more)", rest.len()),
-        notes => notes.concat(),
+        [] => String::new(),
+        [note] => note.clone(),
+        [note, rest @ ..] => format!("{note} (and {} more)", rest.len()),
     }
 }
 

@@ -511,9 +511,10 @@ impl<'a> Run<'a> {
     fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         let config = &self.job.config;
         // A densification that has begun cannot be repeated, so photos give way before it.
-        while config.densifies_at(done) && self.memory_is_tight() && self.views.give_way(done)? {}
+        let densifies = self.strategy.densifies(&self.state, config, done, self.extent);
+        while densifies && self.memory_is_tight() && self.views.give_way(done)? {}
         // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first.
-        let mut saved = if config.densifies_at(done) && self.memory_is_tight() {
+        let mut saved = if densifies && self.memory_is_tight() {
             sink.flush()?;
             Some(self.save_checkpoint(done, Saving::DensificationDue)?)
         } else {

@@ -103,8 +103,8 @@ pub fn up_of_run(cameras: &[Camera], scene: &InstancedScene) -> Option<DVec3> {
 }
 
 impl<'a> PageOptions<'a> {
-    /// Begins at the first of the views that a scene was trained on, with up as they have it ([`up_of_run`]); without views, at the whole
-    /// scene.
+    /// Begins at the first of the views that a scene was trained on, with up as [`up_of_run`] has it. Without views it begins at the
+    /// whole scene, and up is a guess.
     pub fn of_views(scene: &InstancedScene, pack: Pack, views: &'a [Camera]) -> Self {
         let up = Orbit::around(scene, up_of_run(views, scene)).up;
         Self { pack, small: None, camera: views.first(), up }

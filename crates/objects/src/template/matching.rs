@@ -34,8 +34,8 @@ pub(super) struct Match {
     cost: f64,
     /// Number of template Gaussians with the same match, at least 1.
     sharing: u32,
-    /// Of two with the same match, the half that this one stands for: 1 = the one ahead along the longest axis, -1 = the other; 0 =
-    /// all of it.
+    /// Of two with the same match, the half that this one stands for: 1 = the one ahead along the longest axis, -1 = the other. 0 if it
+    /// stands for all of it, or shares its opacity.
     side: f64,
 }
 

@@ -127,9 +127,8 @@ fn difference<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-/// The same ellipsoid with its axes in the order and direction of those of a template's Gaussian, of whose quaternion it has the
-/// length. Offsets that pair the longest axis of one with the shortest of another would have gradients of the template that do not
-/// belong together.
+/// The same ellipsoid with its axes in the order and direction of those of a template's Gaussian, whose quaternion gives the length of
+/// its own. Gradients of the template sum those of all instances, which only then belong to the same axis.
 fn shape_by_axes_of(template_quat: [f32; 4], shape: &Shape) -> Shape {
     let near = template_quat.map(f64::from);
     let length = near.iter().map(|v| v * v).sum::<f64>().sqrt();

@@ -22,17 +22,10 @@ pub(super) struct Outliner {
     search: String,
     /// Templates whose instances are listed.
     unfolded: BTreeSet<u32>,
-    renaming: Option<Renaming>,
+    /// The template that is being renamed, and the text so far.
+    renaming: Option<(u32, String)>,
     /// The list as it was laid out last; none after it was searched or folded in another way.
     listed: Option<Listed>,
-}
-
-/// The name of a template while it is typed.
-struct Renaming {
-    template: u32,
-    text: String,
-    /// The text that the field began with.
-    before: String,
 }
 
 /// The lines of the list, for what the editor's [`listing`](crate::editor::Editor::listing) was then: with thousands of instances
@@ -170,33 +163,33 @@ impl Outliner {
         if folds && !self.unfolded.remove(&template) {
             self.unfolded.insert(template);
         }
-        if self.renaming.as_ref().is_some_and(|renaming| renaming.template == template) {
-            self.rename(ui, actions);
+        if self.renaming.as_ref().is_some_and(|(renamed, _)| *renamed == template) {
+            self.rename(ui, name, actions);
             return folds;
         }
         let text = RichText::new(format!("{name}  ({})", members.len())).strong();
         let response = ui.add(Button::selectable(holds(editor.chosen(), members), text).truncate());
         if response.double_clicked() {
-            self.renaming = Some(Renaming { template, text: name.to_owned(), before: name.to_owned() });
+            self.renaming = Some((template, name.to_owned()));
         } else if response.clicked() {
             let more = ui.input(|input| input.modifiers.shift || input.modifiers.command);
             actions.push(Action::Choose(members.to_vec(), more));
         }
         eye_and_lock(ui, members, editor, actions);
         if ui.add(Button::new(icon::PENCIL_SIMPLE).frame(false)).on_hover_text(texts::RENAME_TIP).clicked() {
-            self.renaming = Some(Renaming { template, text: name.to_owned(), before: name.to_owned() });
+            self.renaming = Some((template, name.to_owned()));
         }
         folds
     }
 
-    /// The field of a new name; Enter takes it, Esc does not.
-    fn rename(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
-        let Some(Renaming { template, text, before }) = &mut self.renaming else { return };
+    /// The field of a new name in the place of `name`; Enter takes it, Esc does not.
+    fn rename(&mut self, ui: &mut Ui, name: &str, actions: &mut Vec<Action>) {
+        let Some((template, text)) = &mut self.renaming else { return };
         let response = ui.add(TextEdit::singleline(text).desired_width(WIDTH / 2.0));
         if !response.lost_focus() {
             return response.request_focus();
         }
-        let is_new = !text.trim().is_empty() && text != before;
+        let is_new = !text.trim().is_empty() && text != name;
         if is_new && !ui.input(|input| input.key_pressed(Key::Escape)) {
             actions.push(Action::Edit(Edit::Rename { template: *template, name: text.clone() }));
         }

@@ -330,9 +330,12 @@ impl Live {
         Ok(())
     }
 
-    /// Handles keys that change the scene; false for other keys. With `repeats` the key is held: what it moves is one undo step, and
-    /// what is to be done once is not done again.
+    /// Handles keys that change the scene; false for other keys. With `repeats` the key is held: what it moves is one undo step, and,
+    /// with Ctrl, what is to be done once is not done again.
     pub(super) fn edit_key(&mut self, code: KeyCode, repeats: bool) -> Result<bool, PlayerError> {
+        if repeats && self.input.controls.control && !matches!(code, KeyCode::KeyZ | KeyCode::KeyY) {
+            return Ok(true);
+        }
         if self.input.boxing.on {
             if self.box_key(code, repeats)? {
                 return Ok(true);
@@ -340,9 +343,6 @@ impl Live {
             if !is_for_boxes_too(code, self.input.controls.control) {
                 return Ok(false);
             }
-        }
-        if repeats && self.input.controls.control && !matches!(code, KeyCode::KeyZ | KeyCode::KeyY) {
-            return Ok(true);
         }
         if self.input.controls.control {
             if matches!(code, KeyCode::KeyZ | KeyCode::KeyY | KeyCode::KeyS) {

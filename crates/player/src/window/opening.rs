@@ -168,7 +168,7 @@ impl Live {
                 self.session.has_scene = true;
                 self.recent.note(&self.session.path);
                 if !notes.is_empty() {
-                    self.hud.message = Some(texts::opened_with_notes(&notes));
+                    self.hud.message = Some(texts::first_note(&notes));
                 }
             }
             Err(error) if error.is_lost() => return Err(error),

@@ -77,10 +77,7 @@ impl Strategy {
         done: u64,
         extent: f64,
     ) -> Result<Option<DensifyOutcome>, RenderError> {
-        let most = most_in_training(self.tools.gpu.caps(), state.scene.sh_degree);
-        // Every instance begins a chunk of its own, and another one for what it alone has.
-        let rows = state.scene.posed_instances().saturating_mul(1 + u32::from(!state.layout.own_ranges.is_empty()));
-        let most = most.saturating_sub(rows.saturating_mul(state.scene.chunk_size));
+        let most = self.most(state);
         let limited = TrainConfig { max_gaussians: config.max_gaussians.min(most), ..config.clone() };
         let mut outcome = self.change(state, &limited, done, extent)?;
         if let Some(outcome) = &mut outcome {
@@ -90,6 +87,24 @@ impl Strategy {
             outcome.device_full = most < config.max_gaussians && expanded >= u64::from(most);
         }
         Ok(outcome)
+    }
+
+    /// True if [`Strategy::after_step`] clones, splits, prunes or relocates Gaussians after `done` steps: when that is due, unless the
+    /// scene is full and waits for recycling.
+    pub fn densifies(&self, state: &DeviceState, config: &TrainConfig, done: u64, extent: f64) -> bool {
+        if !config.densifies_at(done) || config.strategy == config::Strategy::Mcmc {
+            return config.densifies_at(done);
+        }
+        let limited = TrainConfig { max_gaussians: config.max_gaussians.min(self.most(state)), ..config.clone() };
+        densify::Limits::new(&limited, done, extent, state.statistics_since).has_room(state)
+    }
+
+    /// The largest number of expanded Gaussians that the device's bindings have room for.
+    fn most(&self, state: &DeviceState) -> u32 {
+        let most = most_in_training(self.tools.gpu.caps(), state.scene.sh_degree);
+        // Every instance begins a chunk of its own, and another one for what it alone has.
+        let rows = state.scene.posed_instances().saturating_mul(1 + u32::from(!state.layout.own_ranges.is_empty()));
+        most.saturating_sub(rows.saturating_mul(state.scene.chunk_size))
     }
 
     fn change(
@@ -104,7 +119,6 @@ impl Strategy {
             let limits = densify::Limits::new(config, done, extent, state.statistics_since);
             if limits.has_room(state) {
                 outcome = Some(densify::densify(&mut self.tools, state, &limits)?);
-                state.statistics_since = Some(done);
             }
         }
         if outcome.is_some() && config.densify.opacity_decay > 0.0 {
@@ -112,6 +126,8 @@ impl Strategy {
         }
         if config.densifies_at(done) && config.strategy == config::Strategy::Mcmc {
             outcome = Some(mcmc::relocate(&mut self.tools, state, config, done)?);
+        }
+        if outcome.is_some() {
             state.statistics_since = Some(done);
         }
         if config.resets_opacity_at(done) {
