@@ -15,6 +15,7 @@
 #include "strategy.glsl"
 #include "random.glsl"
 #include "rotation.glsl"
+#include "children.glsl"
 
 layout(scalar, binding = 0) readonly buffer Origins { uint origins[]; };      // old Gaussian of each new one
 layout(scalar, binding = 1) readonly buffer Made { uint made[]; };            // MADE_*
@@ -32,22 +33,13 @@ layout(scalar, push_constant) uniform DensifySplitParams {
     float opacity;     // opacity of a child, times its parent's; at most 1
 };
 
-// exp of its negative is finite.
-const float LOGIT_LEAST = -80.0;
-
 void main() {
     uint j = thread_index();
     if (j >= count || made[j] < MADE_CHILD) return;
     uint child = made[j] - MADE_CHILD;
     vec3 scales = log_scales[j];
-    vec3 place = vec3(0.0);
-    if (halves != 0) {
-        place[longest_axis(scales)] = child % 2 == 0 ? distance : -distance;
-    } else {
-        place = random_normals(seed, time, RANDOM_SPLIT, origins[j], child);
-    }
+    vec3 place = child_place(halves != 0, distance, scales, seed, time, origins[j], child);
     means[j] += rotation_from_quat(quats[j]) * (exp(scales) * place);
     log_scales[j] = child_log_scales(scales, log_shrink, halves != 0);
-    // The logit of opacity / (1 + exp(-logit)), without the difference from 1 of what is nearly 1.
-    if (opacity < 1.0) opacity_logits[j] = log(opacity) - log(exp(-max(opacity_logits[j], LOGIT_LEAST)) + 1.0 - opacity);
+    opacity_logits[j] = child_logit(opacity_logits[j], opacity);
 }

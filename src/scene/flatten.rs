@@ -1,6 +1,7 @@
 //! Expands an instanced scene into a plain cloud that renders to the same image: Eq. 6 of the InstGS paper.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 use glam::DVec3;
 
@@ -8,7 +9,7 @@ use crate::math::covariance::{normalised_quat, quat_from_rotation, quat_multiply
 use crate::math::sh::{SH_C0, ShRotation, widened};
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{ColorMatrix, Instance, InstancedScene, SourceRange};
+use crate::scene::instanced_scene::{ColorMatrix, Instance, InstancedScene, SAME_COLOR, SourceRange};
 use crate::scene::offsets::Offsets;
 
 impl InstancedScene {
@@ -19,10 +20,20 @@ impl InstancedScene {
     /// The scene must be valid (`validate`), so that an instance's linear part is a similarity s R. Quaternions of
     /// instances are normalised; the background is copied bit by bit.
     pub fn flatten(&self) -> Gaussians {
+        self.flatten_where(|_, _| true)
+    }
+
+    /// The same without what instances hide (see [`InstancedScene::hides`]): the same picture, but not the flat order.
+    pub fn flatten_shown(&self) -> Gaussians {
+        self.flatten_where(|instance, local| !self.hides(instance, local))
+    }
+
+    /// The Gaussians of instances for whose template's `is_kept` is true, and what is no template's.
+    fn flatten_where(&self, is_kept: impl Fn(&Instance, u32) -> bool) -> Gaussians {
         let capacity = usize::try_from(self.expanded_len()).unwrap_or(0);
         let mut world = Gaussians::with_capacity(self.sh_degree(), capacity);
         for (k, instance) in self.instances.iter().enumerate() {
-            self.flatten_instance(instance, self.color_matrix(k), &mut world);
+            self.flatten_instance(instance, self.color_matrix(k), &is_kept, &mut world);
             self.flatten_own(instance, self.own_range(k), &mut world);
         }
         world.append(&self.background);
@@ -33,49 +44,70 @@ impl InstancedScene {
     /// is that of the templates.
     pub fn flatten_one(&self, k: usize) -> Gaussians {
         let mut world = Gaussians::with_capacity(self.templates.sh_degree, 0);
-        self.flatten_instance(&self.instances[k], self.color_matrix(k), &mut world);
+        self.flatten_instance(&self.instances[k], self.color_matrix(k), &|_, _| true, &mut world);
         self.flatten_own(&self.instances[k], self.own_range(k), &mut world);
         world
     }
 
-    /// The same pictures without colour matrices, for files that have none: they go into offsets, of which every instance
-    /// gets a run of its own. The scene itself if it has no matrices.
+    /// The same pictures without colour matrices, for files that have none: they go into offsets. Instances that share offsets and
+    /// have the same matrix share a run of these, and those that look like their template still have none. The scene itself if it
+    /// has no matrices.
     pub fn with_colors_in_offsets(&self) -> Cow<'_, InstancedScene> {
         if self.color_from_template.is_empty() {
             return Cow::Borrowed(self);
         }
-        let (matrices, old) = (&self.color_from_template, &self.offsets);
         let mut offsets = Offsets::default();
         let mut instances = self.instances.clone();
-        for (instance, matrix) in instances.iter_mut().zip(matrices) {
-            let range = self.template_ranges[instance.template as usize];
-            let first = offsets.len();
-            for local in 0..range.count as usize {
-                let (i, record) = (range.first as usize + local, instance.first_offset.map(|f| f as usize + local));
-                let shown = Local::shown(self, instance, Some(matrix), local).sh;
-                let template = self.templates.sh_of(i);
-                let mut difference = shown.iter().zip(template).map(|(own, &shared)| narrowed(*own - widened(shared)));
-                offsets.means.push(record.map_or([0.0; 3], |m| old.means[m]));
-                offsets.opacity_logits.push(record.map_or(0.0, |m| old.opacity_logits[m]));
-                offsets.sh_dc.extend(difference.next());
-                offsets.sh_rest.extend(difference);
-                if !old.log_scales.is_empty() {
-                    offsets.log_scales.push(record.map_or([0.0; 3], |m| old.log_scales[m]));
-                }
-                if !old.quats.is_empty() {
-                    offsets.quats.push(record.map_or([0.0; 4], |m| old.quats[m]));
-                }
+        let mut runs = BTreeMap::new();
+        for (instance, matrix) in instances.iter_mut().zip(&self.color_from_template) {
+            if instance.first_offset.is_none() && *matrix == SAME_COLOR {
+                continue;
             }
-            instance.first_offset = Some(first as u32);
+            let bits = matrix.map(|row| row.map(f32::to_bits));
+            let first = *runs.entry((instance.template, instance.first_offset, bits)).or_insert_with(|| {
+                let first = offsets.len() as u32;
+                self.push_colored(instance, matrix, &mut offsets);
+                first
+            });
+            instance.first_offset = Some(first);
         }
         Cow::Owned(InstancedScene { instances, offsets, color_from_template: Vec::new(), ..self.clone() })
     }
 
-    /// Appends the Gaussians that an instance has of its template to `world`.
-    fn flatten_instance(&self, instance: &Instance, color_matrix: Option<&ColorMatrix>, world: &mut Gaussians) {
+    /// Appends the offsets of an instance, with which its Gaussians have the colours that its matrix gives them.
+    fn push_colored(&self, instance: &Instance, matrix: &ColorMatrix, offsets: &mut Offsets) {
+        let old = &self.offsets;
+        let range = self.template_ranges[instance.template as usize];
+        for local in 0..range.count as usize {
+            let (i, record) = (range.first as usize + local, instance.first_offset.map(|f| f as usize + local));
+            let shown = Local::shown(self, instance, Some(matrix), local).sh;
+            let template = self.templates.sh_of(i);
+            let mut difference = shown.iter().zip(template).map(|(own, &shared)| narrowed(*own - widened(shared)));
+            offsets.means.push(record.map_or([0.0; 3], |m| old.means[m]));
+            offsets.opacity_logits.push(record.map_or(0.0, |m| old.opacity_logits[m]));
+            offsets.sh_dc.extend(difference.next());
+            offsets.sh_rest.extend(difference);
+            if !old.log_scales.is_empty() {
+                offsets.log_scales.push(record.map_or([0.0; 3], |m| old.log_scales[m]));
+            }
+            if !old.quats.is_empty() {
+                offsets.quats.push(record.map_or([0.0; 4], |m| old.quats[m]));
+            }
+        }
+    }
+
+    /// Appends the Gaussians that an instance has of its template and keeps to `world`.
+    fn flatten_instance(
+        &self,
+        instance: &Instance,
+        color_matrix: Option<&ColorMatrix>,
+        is_kept: &impl Fn(&Instance, u32) -> bool,
+        world: &mut Gaussians,
+    ) {
         let to_world = ToWorld::new(&instance.world_from_template);
-        let count = self.template_ranges[instance.template as usize].count as usize;
-        (0..count).for_each(|local| to_world.push(Local::shown(self, instance, color_matrix, local), world));
+        let kept =
+            (0..self.template_ranges[instance.template as usize].count).filter(|&local| is_kept(instance, local));
+        kept.for_each(|local| to_world.push(Local::shown(self, instance, color_matrix, local as usize), world));
     }
 
     /// Appends the Gaussians that an instance has of its own to `world`.

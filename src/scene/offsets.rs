@@ -100,6 +100,14 @@ impl Offsets {
         self.record(m).flatten().all(|v| v.is_finite())
     }
 
+    /// Makes all offsets of record `m` zero.
+    pub fn clear(&mut self, m: usize) {
+        let widths = self.arrays().map(|(parameter, array)| self.rows_per_record(parameter, array) * parameter.width());
+        for ((_, array), width) in self.arrays_mut().into_iter().zip(widths) {
+            array.flat_mut()[m * width..][..width].fill(0.0);
+        }
+    }
+
     /// Appends record `m` of `other`.
     pub fn push_from(&mut self, other: &Offsets, m: usize) {
         self.arrays_mut().into_iter().zip(other.record(m)).for_each(|((_, array), row)| array.extend_flat(row));

@@ -181,6 +181,9 @@ pub trait FloatArray {
     /// The numbers of all rows.
     fn flat(&self) -> &[f32];
 
+    /// The same, to be changed.
+    fn flat_mut(&mut self) -> &mut [f32];
+
     /// Appends whole rows; an incomplete last row is dropped.
     fn extend_flat(&mut self, values: &[f32]);
 
@@ -197,6 +200,10 @@ pub trait FloatArray {
 impl<R: FloatRow> FloatArray for Vec<R> {
     fn flat(&self) -> &[f32] {
         bytemuck::cast_slice(self)
+    }
+
+    fn flat_mut(&mut self) -> &mut [f32] {
+        bytemuck::cast_slice_mut(self)
     }
 
     fn extend_flat(&mut self, values: &[f32]) {

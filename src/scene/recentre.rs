@@ -10,6 +10,8 @@ impl InstancedScene {
     /// from its position in every instance. Then q8, whose steps are proportional to the largest offset, loses the
     /// small differences, and a copy without offsets shows the Gaussian out of place.
     ///
+    /// What an instance hides (see [`InstancedScene::is_drawn`]) stays as it is, and is none of the mean: it would be far off.
+    ///
     /// Quaternions stay, since a template's quaternion plus a mean may be zero. Templates with an instance without
     /// offsets stay, as do those that share Gaussians with another, and all templates do if runs of records overlap
     /// partially.
@@ -26,7 +28,9 @@ impl InstancedScene {
             let runs: BTreeSet<usize> =
                 of_template().filter_map(|i| i.first_offset).map(|first| first as usize).collect();
             for j in 0..range.count as usize {
-                self.recentre(range.first as usize + j, &runs.iter().map(|first| first + j).collect::<Vec<_>>());
+                let i = range.first as usize + j;
+                let records = runs.iter().map(|first| first + j).filter(|&record| self.is_drawn(i, record));
+                self.recentre(i, &records.collect::<Vec<_>>());
             }
         }
     }

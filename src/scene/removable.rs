@@ -2,11 +2,73 @@
 
 use glam::DVec3;
 
-use crate::scene::instanced_scene::{InstancedScene, SourceRange};
+use crate::scene::instanced_scene::{Instance, InstancedScene, SourceRange};
 
 /// The opacity logit of a template's Gaussian where one instance does not show it: 6e-6 after the sigmoid, far below 1/255, so
 /// that it is never blended.
-const HIDDEN_LOGIT: f32 = -12.0;
+pub const HIDDEN_LOGIT: f32 = -12.0;
+
+/// Opacity below which nothing is blended.
+pub const LEAST_DRAWN_OPACITY: f64 = 1.0 / 255.0;
+
+impl InstancedScene {
+    /// False if a template's Gaussian is never blended where an instance shows it by an offset record. Indices are those into the
+    /// templates' Gaussians and into the offset records.
+    pub fn is_drawn(&self, gaussian: usize, record: usize) -> bool {
+        let logit = f64::from(self.templates.opacity_logits[gaussian]) + f64::from(self.offsets.opacity_logits[record]);
+        let least = (LEAST_DRAWN_OPACITY / (1.0 - LEAST_DRAWN_OPACITY)).ln();
+        logit >= least
+    }
+
+    /// True if an instance hides a template's Gaussian by an offset record, as pruning and training leave it. Indices are those into
+    /// the templates' Gaussians and into the offset records.
+    pub fn is_hidden(&self, gaussian: usize, record: usize) -> bool {
+        // Packing rounds.
+        self.templates.opacity_logits[gaussian] + self.offsets.opacity_logits[record] <= HIDDEN_LOGIT + 0.1
+    }
+
+    /// True if an instance hides Gaussian `local` of its template.
+    pub fn hides(&self, instance: &Instance, local: u32) -> bool {
+        let first = self.template_ranges[instance.template as usize].first;
+        instance.first_offset.is_some_and(|record| self.is_hidden((first + local) as usize, (record + local) as usize))
+    }
+
+    /// Number of expanded Gaussians that instances hide: they are stored, but never drawn.
+    pub fn hidden_len(&self) -> u64 {
+        let of_instance = |instance: &Instance| {
+            let count = self.template_ranges[instance.template as usize].count;
+            (0..count).filter(|&local| self.hides(instance, local)).count() as u64
+        };
+        self.instances.iter().map(of_instance).sum()
+    }
+
+    /// Makes offset records of which nothing is drawn alike: no offsets but that of the opacity, with which the Gaussian has
+    /// [`HIDDEN_LOGIT`]. No picture changes, and their numbers cost files next to nothing. Returns how many there are. Records that
+    /// Gaussians of several templates use stay as they are.
+    pub fn clear_hidden_offsets(&mut self) -> usize {
+        let mut gaussian_of = vec![None; self.offsets.len()];
+        for instance in &self.instances {
+            let (Some(first), range) = (instance.first_offset, self.template_ranges[instance.template as usize]) else {
+                continue;
+            };
+            for local in 0..range.count {
+                let (record, gaussian) = ((first + local) as usize, (range.first + local) as usize);
+                let known = gaussian_of[record].get_or_insert(Some(gaussian));
+                *known = known.filter(|&other| other == gaussian);
+            }
+        }
+        let mut cleared = 0;
+        for (record, gaussian) in gaussian_of.into_iter().enumerate() {
+            let Some(gaussian) = gaussian.flatten().filter(|&gaussian| !self.is_drawn(gaussian, record)) else {
+                continue;
+            };
+            self.offsets.clear(record);
+            self.offsets.opacity_logits[record] = HIDDEN_LOGIT - self.templates.opacity_logits[gaussian];
+            cleared += 1;
+        }
+        cleared
+    }
+}
 
 /// One Gaussian, or the way that some instances show a template's Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -106,9 +168,7 @@ impl Removables {
     /// True if a part was made transparent by [`Removables::removed`].
     pub fn is_hidden(scene: &InstancedScene, of: &Removable) -> bool {
         let Part::Record { record, gaussian } = of.part else { return false };
-        let logit = scene.templates.opacity_logits[gaussian as usize] + scene.offsets.opacity_logits[record as usize];
-        // Packing rounds.
-        logit <= HIDDEN_LOGIT + 0.1
+        scene.is_hidden(gaussian as usize, record as usize)
     }
 
     /// The indices of a part in the flat order of expanded Gaussians.
@@ -193,7 +253,6 @@ mod tests {
     use super::*;
     use crate::math::similarity::Similarity;
     use crate::scene::gaussians::Gaussians;
-    use crate::scene::instanced_scene::Instance;
     use crate::scene::offsets::Offsets;
 
     fn cloud(x: &[f32]) -> Gaussians {

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use instgs_reference::densify::{
-    Densified, Limits, Made, OwnNeed, decay_opacity, densify, densify_sources, opacity_logit, reset_opacity, shape,
-    use_of_sources,
+    Densified, Limits, Made, OwnNeed, decay_opacity, densify, densify_sources, new_offsets, opacity_logit,
+    reset_opacity, seen_gaussian, shape, use_of_sources,
 };
 use instgs_train::config::{ConfigBuilder, Growth, TrainConfig};
 use instgs_train::device_state::DeviceState;
@@ -15,6 +15,7 @@ use instgs_vk::gpu::{Buffer, DeviceChoice, Gpu, GpuOptions};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
+use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::TrainFrame;
 use instgs_vk::scene::gaussians::sh_coefficients;
@@ -289,18 +290,38 @@ pub(crate) fn instanced_case(seed: u64, sh_degree: u32) -> (InstancedScene, Case
     (scene, case)
 }
 
+/// Number of expanded Gaussians that instances show.
+pub(crate) fn shown(scene: &InstancedScene) -> u32 {
+    use_of_sources(scene).iter().map(|used| used.instances).sum()
+}
+
 /// Templates and background of a scene in training change as the twin says, and offsets follow their Gaussians. A
 /// checkpoint of the result is restored into a state of the scene before.
 #[test]
 fn templates_grow_and_offsets_follow() {
     let Some(gpu) = gpu() else { return };
     let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
-    let mut seen = [0u32; 3];
-    for (seed, sh_degree, cap) in [(1, 0, 5000u32), (2, 2, 5000), (3, 3, 2150), (4, 1, 1), (5, 1, 9000)] {
-        let (scene, case) = instanced_case(seed, sh_degree);
-        // The last case only grows: then the restored arrays are larger than those of the start.
+    let (mut seen, mut worst) = ([0u32; 3], [0.0f64; 2]);
+    let halves = ["densify.growth=halves", "densify.half_opacity=0.6"];
+    let cases = [
+        (1, 0, 5000u32, &[][..]),
+        (2, 2, 5000, &[]),
+        (3, 3, 2150, &[]),
+        (4, 1, 1, &[]),
+        (5, 1, 9000, &[]),
+        (6, 0, 9000, &halves),
+        (7, 1, 5000, &[halves[0], halves[1], "offsets.position=false"]),
+    ];
+    for (seed, sh_degree, cap, sets) in cases {
+        let (mut scene, case) = instanced_case(seed, sh_degree);
+        if seed % 2 == 0 {
+            let mut rng = Rng::new(seed + 3);
+            let quats = (0..scene.offsets.len()).map(|_| [(); 4].map(|()| (0.3 * rng.normal()) as f32));
+            scene.offsets.quats = quats.collect();
+        }
+        // Cases of this bound only grow: then the restored arrays are larger than those of the start.
         let grows = if cap == 9000 { "densify.opacity_reset_every=0" } else { "densify.opacity_reset_every=300" };
-        let config = config(&[&format!("max_gaussians={cap}"), grows]);
+        let config = config(&[&[&*format!("max_gaussians={cap}"), grows], sets].concat());
         let limits = limits(&config, 400);
         let needs = vec![OwnNeed::default(); case.cloud.len()];
         let want = densify_sources(&case.cloud, &use_of_sources(&scene), &needs, &case.statistics, &limits);
@@ -331,9 +352,8 @@ fn templates_grow_and_offsets_follow() {
         let records = |scene: &InstancedScene, k: usize, local: usize| {
             let first = scene.instances[k].first_offset? as usize + local;
             let o = &scene.offsets;
-            let rest = o.rest_coefficients();
-            let shape = (o.log_scales[first], o.sh_rest[rest * first..rest * (first + 1)].to_vec());
-            Some((o.means[first], o.sh_dc[first], o.opacity_logits[first], shape))
+            let shape = (o.log_scales[first], o.quats.get(first).copied(), o.rest_of(first).to_vec());
+            Some((o.means[first], o.opacity_logits[first], (o.sh_dc[first], shape)))
         };
         let moments = download(&gpu, &state.moments.parameters[Parameter::OffsetMeans], 3 * got.offsets.len()).unwrap();
         for k in 0..5 {
@@ -342,7 +362,32 @@ fn templates_grow_and_offsets_follow() {
             let first = scene.template_ranges[scene.instances[k].template as usize].first as usize;
             for local in 0..range.count as usize {
                 let (i, made) = want.origins[range.first as usize + local];
-                assert_eq!(records(&got, k, local), records(&scene, k, i - first), "{k} {local}");
+                let (now, before) = (records(&got, k, local), records(&scene, k, i - first));
+                assert_eq!(
+                    now.as_ref().map(|record| &record.2),
+                    before.as_ref().map(|record| &record.2),
+                    "{k} {local}"
+                );
+                if let (Some((mean, logit, _)), Made::Child(_)) = (&now, made) {
+                    let want = new_offsets(&scene, k, (i, made), &limits);
+                    let error = (f64::from(*logit) - want.opacity_logit).abs();
+                    worst[1] = worst[1].max(error);
+                    assert!(error <= 1e-5, "logit of {local} in {k}: {error:.2e}");
+                    if config.offsets.position {
+                        let error = (widened(*mean) - want.mean).abs().max_element();
+                        let scale = seen_gaussian(&scene, k, (i - first) as u32).log_scales.max_element().exp();
+                        let by_angles = MOST_SIGMAS * scale * (1e-6 + trigonometric_error(&gpu));
+                        worst[0] = worst[0].max(error / scale.max(1.0));
+                        assert!(
+                            error <= allowed_error(&gpu, old, i) + by_angles,
+                            "mean of {local} in {k}: {error:.2e}"
+                        );
+                    } else {
+                        assert_eq!(Some(*mean), before.map(|record| record.0), "{k} {local}");
+                    }
+                } else {
+                    assert_eq!(now, before, "{k} {local}");
+                }
                 if let (Some(now), Some(before)) = (got.instances[k].first_offset, scene.instances[k].first_offset) {
                     let before = 3 * (before as usize + i - first);
                     let want = if made == Made::Kept { [before as f32 + 1.0, 2.0] } else { [0.0; 2] };
@@ -351,7 +396,7 @@ fn templates_grow_and_offsets_follow() {
             }
         }
         assert_eq!(got.instances[3].first_offset, got.instances[4].first_offset);
-        assert!(got.expanded_len() <= u64::from(cap) || outcome.cloned + outcome.split == 0);
+        assert!(shown(&got) <= cap || outcome.cloned + outcome.split == 0);
         assert!(cap < 9000 || state.source_count() > 1000, "{}", state.source_count());
         let checkpoint = to_checkpoint(&gpu, &mut state, 400, false).unwrap();
         let mut restored = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
@@ -360,7 +405,7 @@ fn templates_grow_and_offsets_follow() {
         assert!(to_checkpoint(&gpu, &mut restored, 400, false).unwrap() == checkpoint);
         [outcome.cloned, outcome.split, outcome.pruned].iter().zip(&mut seen).for_each(|(n, sum)| *sum += n);
     }
-    println!("clones, splits, pruned: {seen:?}");
+    println!("clones, splits, pruned: {seen:?}; offsets of means (by scales above 1) and logits within {worst:?}");
     assert!(seen.iter().all(|&n| n > 50), "{seen:?}");
     assert_silent(&gpu);
 }

@@ -50,6 +50,7 @@ fn main_table(report: &Report) -> Table {
     row("instances' own Gaussians", &|s| grouped(s.gaussians.scene.own), None);
     row("background Gaussians", &|s| grouped(s.gaussians.scene.background), None);
     row("expanded Gaussians", &|s| grouped(s.gaussians.scene.expanded), None);
+    row("  of them hidden by instances", &|s| grouped(s.gaussians.scene.hidden), None);
     row("visible, mean", &|s| grouped(s.gaussians.visible), None);
     row("intersections, mean", &|s| grouped(s.gaussians.intersections), None);
     row("slabs, most", &|s| s.slabs.to_string(), None);

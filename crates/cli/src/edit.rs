@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::edit_flags::Operations;
-use instgs_console::args::{Triple, open_scene, orbit_of, parse_up};
+use instgs_console::args::{Triple, create_folder_of, open_scene, orbit_of, parse_up};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
 use instgs_io::{ExportFormat, ExportedScene, IoError, Pack, packing_lost, save_scene};
@@ -83,6 +83,9 @@ pub(super) fn run(args: &EditArgs, printer: &Printer) -> Result<(), CliError> {
     }
     if !args.operations.is_empty() && args.out.is_none() {
         return Err(CliError::msg("edit: name the file for the changed scene with --out"));
+    }
+    if let Some(out) = &args.out {
+        create_folder_of(out)?;
     }
     let mut scene = open_scene(&args.scene, printer)?.scene;
     let up = orbit_of(&args.scene, &scene, args.up).up;

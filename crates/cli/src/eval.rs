@@ -108,10 +108,11 @@ struct Pictures {
 }
 
 impl Pictures {
-    /// Makes the folder, and chooses the names of its files.
-    fn new(folder: &Path, views: &[View]) -> Result<Self, CliError> {
+    /// Makes the folder, and chooses the names of its files, which must not be photos of `data`.
+    fn new(folder: &Path, views: &[View], data: &Path) -> Result<Self, CliError> {
         let cameras: Vec<_> = views.iter().map(|view| view.camera.clone()).collect();
         let names = picture_files::names(&cameras)?;
+        picture_files::check_not_of_data(folder, &names, data)?;
         create_folder(folder)?;
         Ok(Self { files: names.iter().map(|name| folder.join(format!("{name}.png"))).collect() })
     }
@@ -183,7 +184,7 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let weights = args.lpips.weights();
     let lpips = weights.as_ref().ok().map(|path| args.lpips.load(path)).transpose()?;
     let views = views_to_compare(args, printer)?;
-    let pictures = args.out.as_deref().map(|folder| Pictures::new(folder, &views)).transpose()?;
+    let pictures = args.out.as_deref().map(|folder| Pictures::new(folder, &views, &args.data)).transpose()?;
     let options = args.memory.apply(args.look.options(opened.scene()));
     let place = args.scene.display();
     let gpu = device::open(device_args.choice())?;

@@ -94,7 +94,7 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
     let device_parts = planned_bytes(scene, CHUNK_SIZE, device_precision);
     let device_scene_by_precision =
         DevicePrecision::ALL.map(|precision| (precision.name(), planned_bytes(scene, CHUNK_SIZE, precision).total()));
-    let flattened_ply_bytes = scene.expanded_len() * ply::row_bytes(scene.sh_degree());
+    let flattened_ply_bytes = (scene.expanded_len() - scene.hidden_len()) * ply::row_bytes(scene.sh_degree());
     let report = Inspection {
         scene: args.scene.display().to_string(),
         source: scene.source.clone(),
@@ -156,6 +156,7 @@ fn print(report: &Inspection, printer: &Printer) {
             ("offset records", gaussians.offsets),
             ("instances' own", gaussians.own),
             ("background", gaussians.background),
+            ("hidden by instances", gaussians.hidden),
         ]),
     );
     let file_rows: Vec<(String, u64)> = report

@@ -47,15 +47,14 @@ pub(super) fn ratio(a: u64, b: u64) -> f64 {
     if b == 0 { 0.0 } else { a as f64 / b as f64 }
 }
 
-/// Bytes of one template of `gaussians` and, for each of `instances`, an offset record per Gaussian. A Gaussian is
-/// position, rotation, log scales, opacity and C coefficients of SH in 3 colours: V = 11 + 3 C numbers of 4 bytes. Half
-/// floats take 2 bytes each, but positions keep 4: 2 V + 6. An offset record is 7 numbers of 4, 2 or 1 bytes. For SH 3,
-/// N Gaussians and K instances the bounds are 236 N + 28 K N, 124 N + 14 K N, and 124 N + 7 K N, compared with 4 (V +
-/// 3) K N = 248 K N with the normals of a .ply.
-/// `own` Gaussians of instances take a row each.
-fn bound_bytes(gaussians: u64, instances: u64, own: u64, sh_degree: u32) -> ByPack<u64> {
+/// Bytes of one template of `gaussians`, of the offset `records` of its instances, one per Gaussian where none are shared, and of
+/// the `own` Gaussians of instances. A Gaussian is position, rotation, log scales, opacity and C coefficients of SH in 3 colours:
+/// V = 11 + 3 C numbers of 4 bytes. Half floats take 2 bytes each, but positions keep 4: 2 V + 6. An offset record is 7 numbers of
+/// 4, 2 or 1 bytes. For SH 3, N Gaussians and K instances with offsets of their own the bounds are 236 N + 28 K N, 124 N + 14 K N,
+/// and 124 N + 7 K N, compared with 4 (V + 3) K N = 248 K N with the normals of a .ply.
+fn bound_bytes(gaussians: u64, records: u64, own: u64, sh_degree: u32) -> ByPack<u64> {
     let values = 11 + 3 * sh_coefficients(sh_degree) as u64;
-    let of = |row: u64, record: u64| gaussians * (row + record * instances) + own * row;
+    let of = |row: u64, record: u64| (gaussians + own) * row + records * record;
     ByPack { f32: of(4 * values, 28), f16: of(2 * values + 6, 14), q8: of(2 * values + 6, 7) }
 }
 
@@ -102,7 +101,7 @@ fn group(
     });
     let expanded = gaussians * instances + expanded_own;
     let flattened_ply_bytes = expanded * ply::row_bytes(scene.sh_degree());
-    let bound_bytes = bound_bytes(gaussians, instances, own, scene.templates.sh_degree);
+    let bound_bytes = bound_bytes(gaussians, records, own, scene.templates.sh_degree);
     let times = |bytes| ratio(flattened_ply_bytes, bytes);
     GroupReport {
         template,

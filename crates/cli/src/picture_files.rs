@@ -1,13 +1,14 @@
 //! Writes pictures to files, 8-bit PNG or float KTX2, and chooses their names.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
 use instgs_console::CliError;
 use instgs_io::ktx2::{FloatImage, write_ktx2};
 use instgs_io::picture_png::write_png;
+use instgs_io::{IoError, MaskFolder, read_views};
 use instgs_vk::render::Picture;
 use instgs_vk::scene::Camera;
 
@@ -72,6 +73,25 @@ pub(super) fn names(cameras: &[Camera]) -> Result<Vec<String>, CliError> {
         names.push(name);
     }
     Ok(names)
+}
+
+/// Fails if one of the files `NAME.png` in `folder` is a photo or a mask of the data set: pictures have the names of their views.
+pub(super) fn check_not_of_data(folder: &Path, names: &[String], data: &Path) -> Result<(), CliError> {
+    let canonical = |path: &Path| path.canonicalize().ok();
+    let mut inputs: BTreeSet<PathBuf> = BTreeSet::new();
+    for view in read_views(data)?.views {
+        inputs
+            .extend([Some(view.image_path), view.mask_path].into_iter().flatten().filter_map(|path| canonical(&path)));
+    }
+    let masks = MaskFolder::default_for(data).and_then(|masks| canonical(&masks));
+    for file in names.iter().map(|name| folder.join(format!("{name}.png"))) {
+        let Some(path) = canonical(&file) else { continue };
+        if inputs.contains(&path) || masks.as_ref().is_some_and(|masks| path.starts_with(masks)) {
+            let error = IoError::new(&file, format!("is a photo or a mask of the data set {}", data.display()));
+            return Err(error.advise("choose another folder by --out").into());
+        }
+    }
+    Ok(())
 }
 
 /// A view's name without the extension of an image.

@@ -240,12 +240,15 @@ fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
     let counts = &report.gaussians;
     if report.vanilla.is_some() {
         let own = if counts.own > 0 { format!("{} of instances' own, ", grouped(counts.own)) } else { String::new() };
+        let drawn = match counts.hidden {
+            0 => grouped(counts.expanded),
+            hidden => format!("{} drawn and {} hidden", grouped(counts.expanded - hidden), grouped(hidden)),
+        };
         let text = format!(
-            "{} of templates, {} offset records, {own}{} of the background, {} after expanding",
+            "{} of templates, {} offset records, {own}{} of the background, {drawn} after expanding",
             grouped(counts.template),
             grouped(counts.offsets),
             grouped(counts.background),
-            grouped(counts.expanded)
         );
         row("Gaussians", text);
     } else {

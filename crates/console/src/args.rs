@@ -137,6 +137,11 @@ impl ViewArgs {
         Ok(cameras.into_iter().map(resized).collect())
     }
 
+    /// The data set of `--data`.
+    pub fn data(&self) -> Option<&Path> {
+        self.source.data.as_deref()
+    }
+
     /// The views of `--data`, at the size of their photos; `None` for cameras without photos and for `--size`. Their notes are
     /// told with their cameras.
     pub fn photos(&self) -> Result<Option<Vec<View>>, CliError> {

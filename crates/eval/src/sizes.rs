@@ -17,6 +17,9 @@ pub struct Counts {
     pub background: u64,
     /// Gaussians after expanding all instances.
     pub expanded: u64,
+    /// Those of them that instances hide by their offsets: stored, but never drawn. Reports leave it out where there are none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub hidden: u64,
 }
 
 impl Counts {
@@ -28,6 +31,7 @@ impl Counts {
             own: scene.own.len() as u64,
             background: scene.background.len() as u64,
             expanded: scene.expanded_len(),
+            hidden: scene.hidden_len(),
         }
     }
 

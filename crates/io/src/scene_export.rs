@@ -145,7 +145,7 @@ pub fn export_scene(
         }
         ExportFormat::Ply | ExportFormat::Spz | ExportFormat::Sog | ExportFormat::GlbOneMesh => {
             check_expanded_memory(to, scene)?;
-            let cloud = scene.flatten();
+            let cloud = scene.flatten_shown();
             exported.gaussians = cloud.len() as u64;
             match format {
                 ExportFormat::Spz => {

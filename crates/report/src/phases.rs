@@ -110,6 +110,7 @@ pub(super) fn beside(data: &ReportData) -> String {
     sizes("of them in the background", g[0].background, g[1].background, count);
     sizes("offset records", g[0].offsets, g[1].offsets, count);
     sizes("Gaussians expanded", g[0].expanded, g[1].expanded, count);
+    sizes("of them hidden by instances", g[0].hidden, g[1].hidden, count);
     let mut times = |name: &str, plain: f64, instanced: f64| {
         let shown = [plain, instanced].map(duration);
         rows.push([vec![name.into()], shown.into(), vec![ratio(plain, instanced)]].concat());

@@ -93,7 +93,7 @@ fn cloud_of(
         let (before, now) = (scene.near_plane.0, config.near);
         warn(format!("was trained with a near plane at {before}, not {now}; see --set near={before}"));
     }
-    let mut cloud = scene.flatten();
+    let mut cloud = scene.flatten_shown();
     if cloud.is_empty() {
         let error = IoError::new(path, "has no Gaussians to start from");
         return Err(error.advise("give a trained scene, or leave it out to start from points"));

@@ -331,7 +331,7 @@ pub(super) fn first_state(
             random_in_view(&cameras, config.init_count as usize, seed, degree, shape)
         }
     };
-    let cloud = capped(cloud, most_at_first(config), &mut data.warnings);
+    let cloud = capped(cloud, config, &mut data.warnings);
     let state = DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?;
     Ok(Start { state, step: 0, due: false, exposures: FirstExposures::Unchanged, log: LogState::default() })
 }
@@ -384,19 +384,23 @@ fn first_instanced(
 
 /// The largest number of Gaussians that training may start from. If the strategy adds Gaussians, points give at most
 /// half of `max_gaussians`, since without room to grow no detail can be added. See docs/measurements.md.
-fn most_at_first(config: &TrainConfig) -> usize {
+pub fn most_at_first(config: &TrainConfig) -> usize {
     let most = config.max_gaussians as usize;
     let grows = config.strategy != Strategy::None && config.init_scene.is_none();
     if grows { most.div_ceil(2) } else { most }
 }
 
-/// Keeps every k-th Gaussian, so that at most `most` are left.
-fn capped(cloud: Gaussians, most: usize, warnings: &mut Vec<String>) -> Gaussians {
-    let count = cloud.len();
+/// Keeps every k-th Gaussian, so that there are no more than at first may be.
+fn capped(cloud: Gaussians, config: &TrainConfig, warnings: &mut Vec<String>) -> Gaussians {
+    let (count, most) = (cloud.len(), most_at_first(config));
     if count <= most {
         return cloud;
     }
-    warnings.push(format!("the start has {count} Gaussians; {most} of them are kept (max_gaussians)"));
+    let why = match config.max_gaussians as usize {
+        max if max > most => "half of max_gaussians, so that it can grow",
+        _ => "max_gaussians",
+    };
+    warnings.push(format!("the start has {count} Gaussians; {most} of them are kept ({why})"));
     // Evenly distributed: i is kept where i * most / count increases.
     cloud.filtered(|i| (i + 1) * most / count > i * most / count)
 }

@@ -1,5 +1,5 @@
-//! Shifting base colours: in the colour matrices of instances if the scene has them, else in the template if all of its
-//! instances are selected, otherwise in offsets; and in instances' own Gaussians.
+//! Shifting base colours: in the template if all of its instances are selected, so that what is made of it later has the colour as
+//! well; otherwise in the colour matrices of instances if the scene has them, else in offsets; and in instances' own Gaussians.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,19 +20,22 @@ pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 
     let mut outcome = EditOutcome { changed: which.resolve(scene)?, ..EditOutcome::default() };
     // Colour is SH_C0 times the coefficient plus a constant.
     let d_sh_dc = rgb.map(|v| (f64::from(v) / SH_C0) as f32);
-    // Coefficients and offsets are before the matrix, which would change the shift too.
-    if !scene.color_from_template.is_empty() {
-        for &k in &outcome.changed {
-            scene.color_from_template[k].iter_mut().zip(rgb).for_each(|(row, by)| row[3] += by);
-        }
-        shift_own(scene, d_sh_dc, &mut outcome);
-        return Ok(outcome);
-    }
     let whole = if which.is_collective() { whole_templates(scene, &outcome.changed) } else { BTreeSet::new() };
+    let has_matrices = !scene.color_from_template.is_empty();
+    if has_matrices {
+        // Coefficients and offsets are before the matrix, which changes the shift of a template, too.
+        for &k in &outcome.changed {
+            let in_template = if whole.contains(&scene.instances[k].template) { rgb } else { [0.0; 3] };
+            for (row, by) in scene.color_from_template[k].iter_mut().zip(rgb) {
+                let of_template: f32 = (0..3).map(|c| row[c] * in_template[c]).sum();
+                row[3] += by - of_template;
+            }
+        }
+    }
     let mut members_of_run: BTreeMap<(u32, Option<u32>), Vec<usize>> = BTreeMap::new();
     for &k in &outcome.changed {
         let instance = &scene.instances[k];
-        if !whole.contains(&instance.template) {
+        if !has_matrices && !whole.contains(&instance.template) {
             members_of_run.entry((instance.template, instance.first_offset)).or_default().push(k);
         }
     }

@@ -1,5 +1,6 @@
 //! Selecting instances by index, mask id, group or template.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
@@ -126,7 +127,9 @@ impl Selector {
                 format!("there is no instance with id {id}: ids are {}", list(ids))
             }
             Self::Group(name) => {
-                let names = scene.groups.iter().filter_map(|g| g.name.clone()).collect();
+                // A group whose instances were all deleted, or became mirror images, has none.
+                let used: BTreeSet<usize> = scene.instance_labels().iter().filter_map(|label| label.group).collect();
+                let names = used.into_iter().filter_map(|group| scene.groups[group].name.clone()).collect();
                 format!("there is no instance of a group \"{name}\": groups are {}", list(names))
             }
         }

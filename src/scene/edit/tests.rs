@@ -365,6 +365,21 @@ fn recolouring_shifts_what_is_seen() {
         let want = if (2..5).contains(&i) { [0.5, 0.0, -0.25] } else { [0.0; 3] };
         assert!(shift.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-5), "{i}: {shift:?}");
     }
+    // A whole group: its template has the colour too, so that copies made later have it.
+    let mut after = before.clone();
+    run(&mut after, Edit::Recolour { which: which("template:0"), rgb: [0.5, 0.0, -0.25] });
+    assert_ne!(after.templates.sh, before.templates.sh);
+    for k in 0..before.instances.len() {
+        let want = if before.instances[k].template == 0 { [0.5, 0.0, -0.25] } else { [0.0; 3] };
+        let (was, is) = (before.flatten_one(k), after.flatten_one(k));
+        for i in 0..was.len() {
+            let shift = [0, 1, 2].map(|c| SH_C0 as f32 * (is.sh_of(i)[0][c] - was.sh_of(i)[0][c]));
+            assert!(shift.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-5), "{k} {i}: {shift:?}");
+        }
+    }
+    let first = |scene: &InstancedScene| scene.templates.sh[0].map(|v| SH_C0 as f32 * v);
+    let (was, is) = (first(&before), first(&after));
+    assert!((0..3).all(|c| (is[c] - was[c] - [0.5, 0.0, -0.25][c]).abs() < 1e-5), "{was:?} {is:?}");
 }
 
 #[test]

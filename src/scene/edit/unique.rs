@@ -38,14 +38,15 @@ pub(super) fn make_unique(scene: &mut InstancedScene, which: &Selector) -> Resul
             outcome.warnings.push(format!("instance {k} is the only one of its template already"));
             continue;
         }
-        let count = scene.template_ranges[instance.template as usize].count as usize;
-        let mut cloud = Gaussians::with_capacity(scene.templates.sh_degree, count + own.count as usize);
+        let count = scene.template_ranges[instance.template as usize].count;
+        let mut cloud = Gaussians::with_capacity(scene.templates.sh_degree, (count + own.count) as usize);
         let plain = instance.first_offset.is_none() && matrix.is_none();
         if plain {
             cloud.append(&scene.templates.range(scene.template_ranges[instance.template as usize]));
         } else {
-            let shown = |local| Local::shown(scene, &instance, matrix.as_ref(), local);
-            (0..count).for_each(|local| shown(local).push_to(&mut cloud));
+            let shown = (0..count).filter(|&local| !scene.hides(&instance, local));
+            let shown = shown.map(|local| Local::shown(scene, &instance, matrix.as_ref(), local as usize));
+            shown.for_each(|local| local.push_to(&mut cloud));
         }
         cloud.append(&scene.own.range(own));
         let template = add_template(scene, &cloud, &mut outcome)?;

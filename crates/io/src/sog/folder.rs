@@ -24,7 +24,7 @@ const ENDING: &str = ".sog";
 /// the sums of its `.sog` files, to whose bytes those of the scene graph are added.
 ///
 /// # Errors
-/// A template with instances that is empty, a value that is not finite, more than 65,535 instances, or a file that cannot be
+/// A value that is not finite, more than 65,535 instances, or a file that cannot be
 /// written.
 pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<WrittenSog, IoError> {
     scene
@@ -77,7 +77,7 @@ fn stale_files(folder: &Path, kept: &HashSet<&str>) -> Vec<PathBuf> {
     stale.filter(|file| is_own(file)).collect()
 }
 
-/// The instances of each template that has any. Their ids are those of the masks, if all have one and no two the same; otherwise
+/// The instances of each template that has any and is not empty, as pruning may leave it: those show nothing. Their ids are those of the masks, if all have one and no two the same; otherwise
 /// they are numbered from 1.
 fn placed(scene: &InstancedScene) -> Vec<PosedGroup> {
     let labels = scene.instance_labels();
@@ -98,7 +98,8 @@ fn placed(scene: &InstancedScene) -> Vec<PosedGroup> {
         let placed = PosedInstance { id: id(k), world_from_template: instance.world_from_template };
         groups[instance.template as usize].instances.push(placed);
     }
-    groups.retain(|group| !group.instances.is_empty());
+    let is_empty = |group: &PosedGroup| scene.template_ranges[group.template_id as usize].count == 0;
+    groups.retain(|group| !group.instances.is_empty() && !is_empty(group));
     groups
 }
 

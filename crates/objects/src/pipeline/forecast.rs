@@ -12,8 +12,9 @@ use super::mask_source::MaskSource;
 use instgs_io::{IoError, MaskFolder, Split, View, read_groups, read_points};
 use instgs_train::config::{Init, Method};
 use instgs_train::facts::MemoryUse;
+use instgs_train::given::given_cloud;
 use instgs_train::memory::planned_uses;
-use instgs_train::{no_training_views, read_dataset, unused_masks};
+use instgs_train::{most_at_first, no_training_views, read_dataset, unused_masks};
 use instgs_vk::scene::PosedGroup;
 
 /// What a run would use; see [`forecast`].
@@ -40,7 +41,7 @@ pub struct Forecast {
 /// Where the first Gaussians of a run come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StartForecast {
-    /// So many points of the data set.
+    /// So many points of the data set, of which there may be more.
     Points(usize),
     /// So many random ones.
     Random(u32),
@@ -100,7 +101,7 @@ pub struct GroupForecast {
     pub instances: usize,
 }
 
-/// Finds out what a run would use. Cameras, points, masks, boxes and groups are read, photos are not; nothing is written.
+/// Finds out what a run would use. Cameras, points, a given scene, masks, boxes and groups are read, photos are not; nothing is written.
 /// `heap_bytes` is the memory of the device.
 ///
 /// # Errors
@@ -131,23 +132,27 @@ pub fn forecast(job: &PipelineJob, heap_bytes: u64) -> Result<Forecast, Pipeline
         test_views: dataset.split(Split::Test).count(),
         pictures_px: [*smallest, *largest],
         distorted: views.iter().filter(|view| view.distortion.is_some()).count(),
-        start: start(job)?,
+        start: start(job, &mut notes)?,
         objects,
         memory: planned_uses(config, &sizes, heap_bytes),
         notes,
     })
 }
 
-fn start(job: &PipelineJob) -> Result<StartForecast, IoError> {
+/// What the run starts from; tells what it would say of a scene.
+fn start(job: &PipelineJob, notes: &mut Vec<String>) -> Result<StartForecast, IoError> {
     let config = &job.config.train;
     Ok(match (&config.init_scene, config.init) {
         (Some(scene), _) if !scene.is_file() && !scene.is_dir() => {
             return Err(IoError::new(scene, "does not exist").advise("--init takes a scene file"));
         }
-        (Some(scene), _) => StartForecast::Scene(scene.clone()),
+        (Some(scene), _) => {
+            notes.extend(given_cloud(scene, config)?.warnings);
+            StartForecast::Scene(scene.clone())
+        }
         (None, Init::Random) => StartForecast::Random(config.init_count),
         (None, Init::Points) => match read_points(&job.data)? {
-            Some(loaded) => StartForecast::Points(loaded.points.positions.len()),
+            Some(loaded) => StartForecast::Points(loaded.points.positions.len().min(most_at_first(config))),
             None => {
                 let error = IoError::new(&job.data, "has no point cloud to start from");
                 return Err(error.advise(instgs_io::point_cloud::advice_without_points(&job.data)));

@@ -32,8 +32,11 @@ impl PipelineJob {
     /// has begun there goes on.
     ///
     /// # Errors
-    /// The run folder is the data set's.
+    /// The run folder is the data set's, or a file.
     pub fn check_folders(&self) -> Result<(), IoError> {
+        if self.out.is_file() {
+            return Err(IoError::new(&self.out, "is a file, and a run needs a folder").advise("choose another --out"));
+        }
         let [data, out] = [&self.data, &self.out].map(|path| path.canonicalize().ok());
         let goes_on = self.resume && self.folder().trace_of_run().is_some();
         if data.is_some() && data == out && !goes_on {
