@@ -239,6 +239,7 @@ mod tests {
     use crate::math::sh::eval_sh;
     use crate::math::similarity::Similarity;
     use crate::scene::instanced_scene::SourceRange;
+    use crate::scene::removable::HIDDEN_LOGIT;
 
     fn one(sh_degree: u32) -> Gaussians {
         let mut out = Gaussians::with_capacity(sh_degree, 1);
@@ -326,5 +327,37 @@ mod tests {
         let differ = |(a, b): (&[f32; 3], &[f32; 3])| (widened(*a) - widened(*b)).length() > 1e-6;
         assert!(!again.sh.iter().zip(&flat.sh).any(differ));
         assert_eq!((again.means, again.opacity_logits), (flat.means, flat.opacity_logits));
+        // Instances that share offsets and matrix share the new ones, and one that looks like its template has none.
+        let mut more = scene.clone();
+        more.instances.extend([instance(Some(0)), instance(None)]);
+        more.color_from_template.extend([matrix, SAME_COLOR]);
+        let shared = more.with_colors_in_offsets();
+        let firsts: Vec<_> = shared.instances.iter().map(|instance| instance.first_offset).collect();
+        assert_eq!((firsts, shared.offsets.len()), (vec![Some(0), Some(1), Some(1), None], 2));
+        assert!(!shared.flatten().sh.iter().zip(&more.flatten().sh).any(differ));
+    }
+
+    /// What an instance hides is in the flat order, but not in files of what is shown.
+    #[test]
+    fn what_is_hidden_is_left_out_of_what_is_shown() {
+        let mut templates = one(0);
+        templates.append(&one(0));
+        let placed = |first_offset| Instance { template: 0, world_from_template: Similarity::IDENTITY, first_offset };
+        let scene = InstancedScene {
+            templates,
+            template_ranges: vec![SourceRange { first: 0, count: 2 }],
+            instances: vec![placed(Some(0)), placed(None), placed(Some(0))],
+            offsets: Offsets {
+                means: vec![[0.0; 3]; 2],
+                sh_dc: vec![[0.0; 3]; 2],
+                opacity_logits: vec![0.0, HIDDEN_LOGIT - 0.5],
+                ..Offsets::default()
+            },
+            background: one(0),
+            ..InstancedScene::default()
+        };
+        assert_eq!((scene.flatten().len(), scene.hidden_len()), (7, 2));
+        let shown = scene.flatten_shown();
+        assert!(shown.len() == 5 && shown.opacity_logits.iter().all(|&logit| logit == 0.5));
     }
 }

@@ -9,8 +9,8 @@ use instgs_train::state_file::{restore, to_checkpoint};
 use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::scene::removable::HIDDEN_LOGIT;
 use instgs_vk::scene::Parameter;
+use instgs_vk::scene::removable::HIDDEN_LOGIT;
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::densify::{EXTENT, config, instanced_case, shown, strategy};

@@ -154,6 +154,10 @@ fn mistakes_are_named_and_nothing_is_written() {
     assert!(text.contains("--out"), "{text}");
     let text = error_of(program().arg("edit").arg(at("none.instgs")).arg("--list"));
     assert!(text.contains("none.instgs"), "{text}");
+    // Mirror images are of a group of their own, and the first has no instances any more.
+    let mirror = ["--mirror", "group:chair", "axis=1,0,0"];
+    let text = error(&[mirror, mirror].concat());
+    assert!(text.contains("no instance of a group \"chair\": groups are chair mirrored"), "{text}");
     program().args(["edit", "room.instgs"]).assert().code(2);
     program().args(["edit", "room.instgs", "--delete", "--out", "x.instgs"]).assert().code(2);
 }
@@ -167,6 +171,10 @@ fn an_edited_scene_becomes_a_glb() {
         command.assert().success();
     };
     edit(&["--duplicate", "id:3", "by=0,0,2"]);
+    // The folder of a new scene is made.
+    let mut moved = program();
+    moved.arg("edit").arg(at("room.instgs")).args(["--delete", "id:3", "--out"]).arg(at("a/new/folder.instgs"));
+    moved.assert().success();
     let export = |up: &[&str]| {
         let mut command = program();
         command.args(["export", "--scene"]).arg(at("new.instgs")).arg("--to").arg(at("x.glb")).arg("--json").args(up);

@@ -111,6 +111,29 @@ fn own_pictures_are_good_and_a_shifted_scene_is_not() {
     assert!(mean(&other, "psnr") < 20.0, "the background flag was not felt");
 }
 
+/// Pictures have the names of their views: in the folder of the photos they would replace them.
+#[test]
+fn photos_and_masks_are_not_written_over() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    let photo = fs::read(at.join("data/images/v0.png")).unwrap();
+    fs::create_dir(at.join("data/masks")).unwrap();
+    fs::write(at.join("data/masks/v0.png"), &photo).unwrap();
+    for out in ["data/images", "data/masks", "data/new/../images"] {
+        fs::create_dir_all(at.join("data/new")).unwrap();
+        let mut render = program(&at);
+        render.args(["render", "--scene"]).arg(at.join("shifted.ply")).arg("--data").arg(at.join("data"));
+        let text = error_of(render.arg("--out").arg(at.join(out)));
+        assert!(text.contains("v0.png: is a photo or a mask of the data set"), "{text}");
+        let text = error_of(eval(&at, "shifted.ply", &[]).arg("--out").arg(at.join(out)));
+        assert!(text.contains("choose another folder by --out"), "{text}");
+    }
+    assert!(fs::read(at.join("data/images/v0.png")).unwrap() == photo);
+    assert!(fs::read(at.join("data/masks/v0.png")).unwrap() == photo);
+}
+
 #[test]
 fn table_json_file_and_pictures() {
     if skips_gpu() {

@@ -136,7 +136,15 @@ fn prunes(scene: &InstancedScene, at: &impl Fn(&str) -> PathBuf) {
         (of_report("gaussians"), of_report("drawn") + of_report("hidden")),
         (half.source_len() as u64, half.expanded_len())
     );
-    assert!(of_report("drawn") < scene.expanded_len() && half.instances.len() == scene.instances.len());
+    // What instances hide is in no other file.
+    let mut export = program();
+    export.args(["export", "--scene"]).arg(at("half.instgs")).arg("--to").arg(at("half_flat.ply")).assert().success();
+    assert_eq!(load_scene(&at("half_flat.ply")).unwrap().scene.background.len() as u64, of_report("drawn"));
+    assert!(
+        of_report("hidden") > 0
+            && of_report("drawn") < scene.expanded_len()
+            && half.instances.len() == scene.instances.len()
+    );
     let all = json_of(&mut prune("all.instgs", ["--keep", "1"]));
     assert!(all["picture_psnr"].as_f64() > report["picture_psnr"].as_f64(), "{all} {report}");
     assert_eq!(fs::read(at("all.instgs")).unwrap(), fs::read(at("scene.instgs")).unwrap());

@@ -156,6 +156,13 @@ fn what_a_run_would_not_do_is_said() {
         let output = train(at, args).output().unwrap();
         [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap())
     };
+    // A scene to start from is read, as the run would.
+    fs::write(at.join("points.ply"), "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n")
+        .unwrap();
+    let text = error_of(&mut train(at, &["data", "--config", "quick", "--init", "points.ply", "--dry-run"]));
+    assert!(text.contains("points.ply"), "{text}");
+    let text = error_of(&mut train(at, &["data", "--config", "quick", "--out", "points.ply", "--dry-run"]));
+    assert!(text.contains("points.ply: is a file, and a run needs a folder"), "{text}");
     let begin = ["data", "--config", "quick", "--steps", "5", "--out", "plain", "--resume"];
     assert!(said(&begin)[1].contains("plain holds no run to resume: a new one begins"));
     assert!(!said(&begin)[1].contains("to resume"));

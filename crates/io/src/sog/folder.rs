@@ -152,6 +152,10 @@ mod tests {
         std::fs::remove_file(folder.join(SCENE_GRAPH)).map_err(|e| IoError::os(&folder, "cannot be removed", &e))?;
         write_sog_folder(&folder, &scene)?;
         assert!(is_there(BACKGROUND));
+        // An empty template has no file, and its instances, which show nothing, no place.
+        scene.template_ranges[0].count = 0;
+        write_sog_folder(&folder, &scene)?;
+        assert!(!is_there("template_0.sog") && read_groups(&folder.join(SCENE_GRAPH))?.is_empty());
         Ok(())
     }
 }
