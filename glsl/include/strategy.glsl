@@ -5,8 +5,6 @@ const uint COUNTER_KEPT = 11;         // expanded Gaussians that stay if nothing
 const uint COUNTER_DENSIFIED = 12;    // Gaussians after
 const uint COUNTER_CLONED = 13;       // Gaussians that got a copy
 const uint COUNTER_SPLIT = 14;        // Gaussians that were replaced by children
-const uint COUNTER_SHOWN = 11;        // expanded Gaussians that are shown
-const uint COUNTER_HIDDEN = 12;       // offset records that are hidden
 const uint COUNTER_WEIGHTS = 11;      // sum of the fixed-point opacities that relocation draws from
 const uint COUNTER_RELOCATED = 13;    // dead Gaussians that were moved onto others
 
@@ -19,9 +17,6 @@ const uint GROWTH_OWN_SPLIT = 4;      // stays, and leaves a smaller Gaussian to
 const uint MADE_KEPT = 0;             // unchanged Gaussian, with its moments
 const uint MADE_CLONE = 1;            // copy of a clone
 const uint MADE_CHILD = 2;            // and above: child number `made - MADE_CHILD` of a split Gaussian, or of an instance by its index
-
-// What the loss feels of an offset record whose instance does not show it, and of Gaussians that are judged record by record.
-const float NOT_SHOWN = -1.0;
 
 // The longest axis of a Gaussian; of equal ones the first.
 uint longest_axis(vec3 log_scales) {

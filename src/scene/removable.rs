@@ -20,7 +20,7 @@ impl InstancedScene {
         logit >= least
     }
 
-    /// True if an instance hides a template's Gaussian by an offset record, as pruning and training leave it. Indices are those into
+    /// True if an instance hides a template's Gaussian by an offset record, as pruning and training leave it, so that it is never drawn. Indices are those into
     /// the templates' Gaussians and into the offset records.
     pub fn is_hidden(&self, gaussian: usize, record: usize) -> bool {
         // Packing rounds.
@@ -226,6 +226,8 @@ impl Removables {
                     is_template_kept[gaussian as usize] = false;
                 }
                 Part::Record { record, gaussian } => {
+                    // What is not drawn needs no other offsets, and zeros cost files next to nothing.
+                    out.offsets.clear(record as usize);
                     let logit = scene.templates.opacity_logits[gaussian as usize];
                     out.offsets.opacity_logits[record as usize] = HIDDEN_LOGIT - logit;
                 }

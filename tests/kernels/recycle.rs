@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use instgs_reference::densify::{LogitMoments, felt_of_sources, record_costs, removal_cost, retired, use_of_sources};
+use instgs_reference::densify::{LogitMoments, felt_of_sources, removal_cost, retired, use_of_sources};
 use instgs_train::config::TrainConfig;
 use instgs_train::device_state::DeviceState;
 use instgs_train::state_file::{restore, to_checkpoint};
@@ -10,11 +10,9 @@ use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::Parameter;
-use instgs_vk::scene::removable::HIDDEN_LOGIT;
 
 use crate::common::gpu::{assert_silent, gpu};
-use crate::densify::{EXTENT, config, instanced_case, shown, strategy};
-use crate::densify_own::case_with_own;
+use crate::densify::{EXTENT, config, instanced_case, strategy};
 
 /// A full scene frees a fifth of its cap: what the twin says costs least leaves, and the rest stays as it is. One Gaussian whose
 /// moment is not a number stays, too. Offsets have moments of their own, but for those of one instance. It is the first
@@ -45,8 +43,7 @@ fn a_full_cloud_makes_room_where_it_is_missed_least() {
         let (uses, felt) = (use_of_sources(&scene), felt_of_sources(&scene, &seconds));
         let cost = |i: usize| removal_cost(felt[i], &case.statistics[i], &uses[i], 200.0);
         let costs: Vec<f64> = (0..case.cloud.len()).map(|i| if i == 700 { f64::INFINITY } else { cost(i) }).collect();
-        let draws: Vec<u32> = uses.iter().map(|used| used.instances).collect();
-        let leaves = retired(&costs, &draws, draws.iter().sum::<u32>() - room);
+        let leaves = retired(&costs, &uses, cap - room);
         let mut state = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
         write(&gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
         write(&gpu, &mut state.moments.parameters[Parameter::OpacityLogits], &moments).unwrap();
@@ -58,7 +55,7 @@ fn a_full_cloud_makes_room_where_it_is_missed_least() {
         let stay: Vec<[f32; 3]> = (0..costs.len()).filter(|&i| !leaves[i]).map(|i| case.cloud.means[i]).collect();
         assert!(pool.means == stay, "{} {}", pool.len(), stay.len());
         assert_eq!((outcome.cloned + outcome.split, outcome.pruned as usize), (0, costs.len() - stay.len()));
-        let left = shown(&got);
+        let left = got.expanded_len() as u32;
         assert!(left <= room && left + 4 > room, "{left} of {room}");
         let background = leaves[450..].iter().filter(|leaves| **leaves).count();
         assert!(outcome.pruned as usize > background && background > 10, "{} {background}", outcome.pruned);
@@ -73,91 +70,6 @@ fn a_full_cloud_makes_room_where_it_is_missed_least() {
     assert_silent(&gpu);
 }
 
-/// Where instances share no records and these have statistics, a full scene frees room record by record: instances hide what the
-/// twin says costs least, and a template loses a Gaussian that none shows any more. Own Gaussians and the background leave as
-/// everywhere. The next densification counts what is shown, and finds room without a recycling.
-#[test]
-fn instances_hide_what_is_missed_least() {
-    let Some(gpu) = gpu() else { return };
-    let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
-    let (mut hidden_in_all, mut gone_in_all) = (0, 0);
-    for seed in 30..34 {
-        let (scene, case, statistics) = case_with_own(seed, 1);
-        let cap = shown(&scene);
-        let never = ["densify.opacity_reset_every=0", "densify.gradient_threshold=1e3", "densify.opacity_min=0"];
-        let sets = ["densify.recycle=0.5", "densify.recycle_every=200", "steps=5000"];
-        let config = config(&[&never[..], &sets, &[&format!("max_gaussians={cap}")]].concat());
-        let room = (f64::from(cap) * 0.5) as u32;
-        let mut rng = Rng::new(seed);
-        let mut moment = |_| [0.0, 10f64.powf(rng.range(-12.0, -6.0)) as f32];
-        let moments: Vec<[f32; 2]> = (0..case.cloud.len()).map(&mut moment).collect();
-        let mut of_offsets: Vec<[f32; 2]> = (0..scene.offsets.len()).map(&mut moment).collect();
-        // A Gaussian that is missed nowhere.
-        let template = |k: usize| scene.template_ranges[scene.instances[k].template as usize];
-        let with_records = (0..5).filter(|&k| scene.instances[k].template == 0);
-        with_records.for_each(|k| of_offsets[scene.instances[k].first_offset.unwrap() as usize + 7] = [0.0, 1e-14]);
-        let seconds = |moments: &[[f32; 2]]| moments.iter().map(|moment| moment[1]).collect();
-        let seconds = LogitMoments { sources: seconds(&moments), records: seconds(&of_offsets) };
-        let (uses, felt) = (use_of_sources(&scene), felt_of_sources(&scene, &seconds));
-        // Every template's Gaussian has records.
-        let of_source = |i: usize| match i {
-            0..450 => (f64::INFINITY, 0),
-            _ => (removal_cost(felt[i], &case.statistics[i], &uses[i], 200.0), uses[i].instances),
-        };
-        let of_records = record_costs(&scene, &seconds, &statistics, 200.0);
-        let of_record = |&cost: &f64| (cost, u32::from(cost.is_finite()));
-        let (costs, draws): (Vec<f64>, Vec<u32>) =
-            (0..900).map(of_source).chain(of_records.iter().map(of_record)).unzip();
-        let leaves = retired(&costs, &draws, cap - room);
-        let mut state = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
-        write(&gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
-        write(&gpu, &mut state.gradients.record_statistics, &statistics).unwrap();
-        write(&gpu, &mut state.moments.parameters[Parameter::OpacityLogits], &moments).unwrap();
-        write(&gpu, &mut state.moments.parameters[Parameter::OffsetOpacityLogits], &of_offsets).unwrap();
-        let outcome = strategy(&gpu, 1).after_step(&mut state, &config, 200, EXTENT).unwrap().unwrap();
-        let got = state.download(&gpu).unwrap();
-        got.validate().unwrap();
-        let users = |i: usize| {
-            (0..5).filter(move |&k| (template(k).first..).take(template(k).count as usize).any(|j| j as usize == i))
-        };
-        let record =
-            |k: usize, i: usize| Some((scene.instances[k].first_offset? + i as u32 - template(k).first) as usize);
-        let stays_in = |k: usize, i: usize| record(k, i).is_none_or(|m| !leaves[900 + m]);
-        let stays = |i: usize| if i < 450 { users(i).any(|k| stays_in(k, i)) } else { !leaves[i] };
-        let stay: Vec<usize> = (0..900).filter(|&i| stays(i)).collect();
-        let mut pool = got.templates.clone();
-        pool.append(&got.own);
-        pool.append(&got.background);
-        let means: Vec<[f32; 3]> = stay.iter().map(|&i| case.cloud.means[i]).collect();
-        assert!(pool.means == means, "{seed}: {} of {}", pool.len(), stay.len());
-        let hidden = leaves[900..].iter().filter(|leaves| **leaves).count();
-        assert_eq!((outcome.hidden as usize, outcome.pruned as usize), (hidden, 900 - stay.len()));
-        for k in 0..5 {
-            let Some(first) = got.instances[k].first_offset else { continue };
-            let now = got.template_ranges[got.instances[k].template as usize];
-            for local in 0..now.count {
-                let (i, m) = (stay[(now.first + local) as usize], (first + local) as usize);
-                let before = record(k, i).unwrap();
-                assert_eq!(got.offsets.means[m], scene.offsets.means[before]);
-                let hides = HIDDEN_LOGIT - case.cloud.opacity_logits[i];
-                let want = if stays_in(k, i) { scene.offsets.opacity_logits[before] } else { hides };
-                assert_eq!(got.offsets.opacity_logits[m], want, "{k} {i}");
-            }
-        }
-        assert_eq!(shown(&got), room, "each that leaves is one");
-        hidden_in_all += hidden;
-        gone_in_all += 450 - got.templates.len();
-        // Now there is room, though all records are still stored.
-        assert!(got.expanded_len() > u64::from(cap) || got.expanded_len() > u64::from(room) + 100);
-        assert!(strategy(&gpu, 1).densifies(&state, &config, 300, EXTENT).unwrap());
-        let full = TrainConfig { max_gaussians: room, ..config.clone() };
-        assert!(!strategy(&gpu, 1).densifies(&state, &full, 300, EXTENT).unwrap());
-    }
-    println!("{hidden_in_all} records hidden, {gone_in_all} Gaussians of templates gone");
-    assert!(hidden_in_all > 500 && gone_in_all > 3, "{hidden_in_all} {gone_in_all}");
-    assert_silent(&gpu);
-}
-
 /// A full scene has no room until the next recycling: it keeps its statistics until then, also through a checkpoint, and what it
 /// removes is weighed by all steps that they are of.
 #[test]
@@ -165,7 +77,7 @@ fn a_full_scene_waits_for_recycling_and_keeps_its_statistics() {
     let Some(gpu) = gpu() else { return };
     let chunk_size = Variant::for_training(gpu.caps()).workgroup_size;
     let (scene, case) = instanced_case(25, 1);
-    let cap = format!("max_gaussians={}", shown(&scene));
+    let cap = format!("max_gaussians={}", scene.expanded_len());
     let (never, grows, stays) =
         ("densify.opacity_reset_every=0", "densify.gradient_threshold=1e3", "densify.opacity_min=0");
     let sets = [never, "steps=5000", "densify.recycle=0.2", "densify.recycle_every=500", grows, stays, cap.as_str()];
@@ -200,12 +112,11 @@ fn a_full_scene_waits_for_recycling_and_keeps_its_statistics() {
     let seconds = |moments: &[[f32; 2]]| moments.iter().map(|moment| moment[1]).collect();
     let seconds = LogitMoments { sources: seconds(&moments), records: seconds(&of_offsets) };
     let (uses, felt) = (use_of_sources(&scene), felt_of_sources(&scene, &seconds));
-    let full = shown(&scene);
+    let full = scene.expanded_len() as u32;
     let leave_by = |steps: f64| {
         let cost = |i: usize| removal_cost(felt[i], &case.statistics[i], &uses[i], steps);
         let costs: Vec<f64> = (0..case.cloud.len()).map(cost).collect();
-        let draws: Vec<u32> = uses.iter().map(|used| used.instances).collect();
-        retired(&costs, &draws, draws.iter().sum::<u32>() - (f64::from(full) * 0.8) as u32)
+        retired(&costs, &uses, full - (f64::from(full) * 0.8) as u32)
     };
     let leaves = leave_by(500.0);
     let stay: Vec<[f32; 3]> = (0..leaves.len()).filter(|&i| !leaves[i]).map(|i| case.cloud.means[i]).collect();

@@ -169,7 +169,7 @@ mod tests {
     fn bounds_are_those_of_the_design() {
         assert_eq!(ply::row_bytes(3), 248);
         assert_eq!(
-            bound_bytes(10, 4, 0, 3),
+            bound_bytes(10, 40, 0, 3),
             ByPack { f32: 10 * (236 + 112), f16: 10 * (124 + 56), q8: 10 * (124 + 28) }
         );
         let shrink = |k: u64, bound: u64| ratio(248 * k, bound);
@@ -186,6 +186,11 @@ mod tests {
                 let bytes = packed_scene_file_bytes(&scene, pack, path)?;
                 let parts = tensor_parts(&bytes, path)?;
                 let sums = FileSums::of(&parts);
+                // No file has less than the bound; offsets of shape and of SH above 0 come on top.
+                if pack == Pack::F32 {
+                    let all = groups(&scene, &parts);
+                    assert!(all.iter().all(|g| g.stored_bytes.is_none_or(|stored| stored >= g.bound_bytes.f32)));
+                }
                 let stored: u64 = groups(&scene, &parts).iter().filter_map(|g| g.stored_bytes).sum();
                 assert_eq!(stored + sums.background + sums.header + sums.foreign, bytes.len() as u64, "{pack:?}");
             }

@@ -100,7 +100,7 @@ mod tests {
         let events = [
             Event::ShDegree { step: 1, degree: 1 },
             Event::OpacityReset { step: 2, to: 0.01 },
-            Event::Densified { step: 3, cloned: 1, split: 0, pruned: 0, own: 0, hidden: 0, relocated: 0, gaussians: 9 },
+            Event::Densified { step: 3, cloned: 1, split: 0, pruned: 0, own: 0, relocated: 0, gaussians: 9 },
             Event::Evaluated { step: 4, views: 1, psnr: 20.0, ssim: 0.5, lpips: None },
         ];
         let curves = Curves::of(&events, Over::Steps);

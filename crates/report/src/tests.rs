@@ -59,8 +59,8 @@ fn events(steps: u64) -> Vec<Event> {
         });
         if step % 100 == 0 && step > 500 && step < 5000 {
             gaussians += 1500;
-            let (cloned, split, pruned, own, hidden, relocated) = (1000, 600, 700, 0, 0, 0);
-            events.push(Event::Densified { step, cloned, split, pruned, own, hidden, relocated, gaussians });
+            let (cloned, split, pruned, own, relocated) = (1000, 600, 700, 0, 0);
+            events.push(Event::Densified { step, cloned, split, pruned, own, relocated, gaussians });
         }
         if step == 3000 {
             events.push(Event::OpacityReset { step, to: 0.01 });

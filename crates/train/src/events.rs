@@ -79,9 +79,6 @@ pub enum Event {
         /// Number of Gaussians that single instances got for their own.
         #[serde(default)]
         own: u64,
-        /// Number of offset records hidden: their instances no longer show a Gaussian of the template that others do.
-        #[serde(default)]
-        hidden: u64,
         /// Number of Gaussians moved onto others (`mcmc`).
         #[serde(default)]
         relocated: u64,
@@ -205,20 +202,11 @@ mod tests {
 
     #[test]
     fn json_has_the_event_and_its_fields() -> serde_json::Result<()> {
-        let event = Event::Densified {
-            step: 600,
-            cloned: 1,
-            split: 2,
-            pruned: 3,
-            own: 4,
-            hidden: 5,
-            relocated: 0,
-            gaussians: 14,
-        };
+        let event = Event::Densified { step: 600, cloned: 1, split: 2, pruned: 3, own: 4, relocated: 0, gaussians: 14 };
         let text = serde_json::to_string(&event)?;
         assert_eq!(
             text,
-            r#"{"event":"densified","step":600,"cloned":1,"split":2,"pruned":3,"own":4,"hidden":5,"relocated":0,"gaussians":14}"#
+            r#"{"event":"densified","step":600,"cloned":1,"split":2,"pruned":3,"own":4,"relocated":0,"gaussians":14}"#
         );
         assert_eq!(serde_json::from_str::<Event>(&text)?, event);
         assert_eq!(event.step(), 600);

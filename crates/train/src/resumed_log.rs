@@ -132,16 +132,8 @@ mod tests {
 
     /// All that may happen around a checkpoint after 40 steps, in order.
     fn sample() -> Vec<Event> {
-        let densified = Event::Densified {
-            step: STEP,
-            cloned: 1,
-            split: 0,
-            pruned: 0,
-            own: 0,
-            hidden: 0,
-            relocated: 0,
-            gaussians: 2,
-        };
+        let densified =
+            Event::Densified { step: STEP, cloned: 1, split: 0, pruned: 0, own: 0, relocated: 0, gaussians: 2 };
         vec![
             started(0),
             Event::ShDegree { step: 0, degree: 0 },

@@ -511,7 +511,7 @@ impl<'a> Run<'a> {
     fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         let config = &self.job.config;
         // A densification that has begun cannot be repeated, so photos give way before it.
-        let densifies = self.strategy.densifies(&self.state, config, done, self.extent)?;
+        let densifies = self.strategy.densifies(&self.state, config, done, self.extent);
         while densifies && self.memory_is_tight() && self.views.give_way(done)? {}
         // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first.
         let mut saved = if densifies && self.memory_is_tight() {
@@ -544,7 +544,6 @@ impl<'a> Run<'a> {
                 split: u64::from(outcome.split),
                 pruned: u64::from(outcome.pruned),
                 own: u64::from(outcome.own),
-                hidden: u64::from(outcome.hidden),
                 relocated: u64::from(outcome.relocated),
                 gaussians: u64::from(outcome.gaussians),
             })?;

@@ -171,7 +171,7 @@ pub fn own_of(seen: SeenGaussian, own: &OwnGaussian, limits: &Limits) -> SeenGau
 /// How much a source Gaussian is used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceUse {
-    /// Number of instances that show it: those with an offset record in which it is too transparent do not.
+    /// Number of instances that have it.
     pub instances: u32,
     /// Its largest opacity logit in any of them.
     pub highest_logit: f32,
@@ -188,52 +188,13 @@ pub struct LogitMoments {
     pub records: Vec<f32>,
 }
 
-/// What the loss feels of an opacity: the mean square of the gradient by its logit, as if it could move freely.
-fn felt(square: f32, logit: f32) -> f64 {
-    let transparency = (1.0 / (1.0 + f64::from(logit.min(20.0)).exp())).max(1e-3);
-    f64::from(square) / (transparency * transparency)
-}
-
-/// The same of an offset record; `None` if its instance does not show the Gaussian. `shared` is the template's part of it.
-fn felt_of_record(
-    scene: &InstancedScene,
-    moments: &LogitMoments,
-    source: usize,
-    record: usize,
-    shared: f32,
-) -> Option<f64> {
-    let logit = scene.templates.opacity_logits[source] + scene.offsets.opacity_logits[record];
-    let moment = moments.records[record];
-    is_drawn(logit).then(|| felt(if moment > 0.0 { moment } else { shared }, logit))
-}
-
-/// True for opacities from 1/255 on.
-fn is_drawn(logit: f32) -> bool {
-    logit.is_finite() && logit >= -(254f32.ln())
-}
-
-/// What the loss would feel without each offset record of a scene whose instances share none; infinite where it is not shown.
-/// `statistics` are those of records, see [`own_needs`]; `steps` is the number of steps that they are of.
-pub fn record_costs(scene: &InstancedScene, moments: &LogitMoments, statistics: &[[f32; 2]], steps: f64) -> Vec<f64> {
-    let mut out = vec![f64::INFINITY; scene.offsets.len()];
-    for instance in &scene.instances {
-        let Some(first) = instance.first_offset else { continue };
-        let range = scene.template_ranges[instance.template as usize];
-        let users = scene.instances.iter().filter(|other| other.template == instance.template).count();
-        for local in 0..range.count {
-            let (source, record) = ((range.first + local) as usize, (first + local) as usize);
-            let shared = moments.sources[source] / users as f32;
-            let share = (f64::from(statistics[record][1]) / steps).clamp(0.02, 1.0);
-            let felt = felt_of_record(scene, moments, source, record, shared);
-            out[record] = felt.map_or(f64::INFINITY, |felt| felt / share);
-        }
-    }
-    out
-}
-
 /// What the loss feels of the opacity of each source Gaussian, summed over its instances: the mean square of the gradient by the
 /// logit, as if the opacity could move freely.
 pub fn felt_of_sources(scene: &InstancedScene, moments: &LogitMoments) -> Vec<f64> {
+    let felt = |square: f32, logit: f32| {
+        let transparency = (1.0 / (1.0 + f64::from(logit.min(20.0)).exp())).max(1e-3);
+        f64::from(square) / (transparency * transparency)
+    };
     let mut out = vec![0.0; scene.templates.len()];
     for (template, range) in scene.template_ranges.iter().enumerate() {
         let users: Vec<&Instance> =
@@ -244,7 +205,9 @@ pub fn felt_of_sources(scene: &InstancedScene, moments: &LogitMoments) -> Vec<f6
             let shared = moments.sources[source] / users.len().max(1) as f32;
             let of_user = |user: &&Instance| {
                 let Some(first) = user.first_offset else { return felt(shared, logit) };
-                felt_of_record(scene, moments, source, (first + local) as usize, shared).unwrap_or(0.0)
+                let record = (first + local) as usize;
+                let moment = moments.records[record];
+                felt(if moment > 0.0 { moment } else { shared }, logit + scene.offsets.opacity_logits[record])
             };
             out[source] = if users.is_empty() { felt(shared, logit) } else { users.iter().map(of_user).sum() };
         }
@@ -263,9 +226,8 @@ pub fn removal_cost(felt: f64, statistics: &[f32; 3], source: &SourceUse, steps:
     felt / (share * used)
 }
 
-/// What leaves so that `goal` expanded Gaussians are free: those of the least cost, ties by index. `draws` are the expanded
-/// Gaussians that leave with each; where there are none, it stays.
-pub fn retired(costs: &[f64], draws: &[u32], goal: u32) -> Vec<bool> {
+/// Which source Gaussians leave so that `goal` expanded ones are free: those of the least cost, ties by index.
+pub fn retired(costs: &[f64], uses: &[SourceUse], goal: u32) -> Vec<bool> {
     let mut order: Vec<usize> = (0..costs.len()).collect();
     order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]).then(a.cmp(&b)));
     let mut out = vec![false; costs.len()];
@@ -274,8 +236,8 @@ pub fn retired(costs: &[f64], draws: &[u32], goal: u32) -> Vec<bool> {
         if freed >= goal {
             break;
         }
-        out[i] = draws[i] > 0;
-        freed += draws[i];
+        out[i] = true;
+        freed += uses[i].instances;
     }
     out
 }
@@ -294,10 +256,8 @@ pub fn use_of_sources(scene: &InstancedScene) -> Vec<SourceUse> {
         let range = scene.template_ranges[instance.template as usize];
         for local in 0..range.count {
             let source = (range.first + local) as usize;
-            let own = instance.first_offset.map(|first| scene.offsets.opacity_logits[(first + local) as usize]);
-            let shows = own.is_none_or(|own| is_drawn(scene.templates.opacity_logits[source] + own));
-            let own = own.unwrap_or(0.0);
-            out[source].instances += u32::from(shows);
+            let own = instance.first_offset.map_or(0.0, |first| scene.offsets.opacity_logits[(first + local) as usize]);
+            out[source].instances += 1;
             out[source].world_scale = out[source].world_scale.max(instance.world_from_template.scale());
             let logit = scene.templates.opacity_logits[source] + own;
             if logit.is_finite() {

@@ -10,21 +10,19 @@ use crate::config::{Growth, TrainConfig};
 use crate::device_state::DeviceState;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::download_elements;
-use instgs_vk::gpu::{Buffer, GpuError};
+use instgs_vk::gpu::{Buffer, GpuError, Grid};
 use instgs_vk::kernels::{
-    decay_opacity as decay_kernel, densify_mark, densify_offsets, densify_place, densify_place_offsets, densify_select,
-    densify_split, reset_opacity as reset_kernel,
+    decay_opacity as decay_kernel, densify_mark, densify_place, densify_place_offsets, densify_select, densify_split,
+    densify_split_offsets, reset_opacity as reset_kernel, source_use,
 };
 use instgs_vk::render::RenderError;
 use instgs_vk::render::scan::ScanInput;
 use instgs_vk::render::sort::SortBuffers;
-use instgs_vk::scene::removable::HIDDEN_LOGIT;
 use instgs_vk::scene::source_layout::MovedRun;
 use instgs_vk::scene::{Parameter, SourceLayout};
 
 use super::recycle::Recycling;
 use super::tools::{Moves, Tools};
-use super::uses::{Uses, none_retired, shown};
 use super::{DensifyOutcome, logit, own, seed_words};
 
 /// Opacity below which a decay lowers none: such a Gaussian shows nothing, and its logit must stay finite.
@@ -40,8 +38,6 @@ pub(super) struct Limits {
     means_have_offsets: bool,
     /// Upper bound of the number of expanded Gaussians.
     max_expanded: u32,
-    /// True if those count that an instance hides: they take none of the time of a frame but for its first pass, and all of a slot.
-    counts_hidden: bool,
     /// Largest part of the instances that grow alone.
     pub(super) own_share: f32,
     /// True if something leaves a full scene from time to time, and nothing counts on more densifications than that.
@@ -59,17 +55,11 @@ impl Limits {
 
     /// False for a full scene until recycling makes room: hardly anything would grow, and what the statistics say would be lost.
     /// Gaussians that are too faint wait as well.
-    pub(super) fn has_room(&self, tools: &mut Tools, state: &DeviceState) -> Result<bool, GpuError> {
+    pub(super) fn has_room(&self, state: &DeviceState) -> bool {
         // Growth ends where the next Gaussian does not fit, which may be one of the template with the most instances.
         let of_one = u64::from(state.tables.most_instances.max(1)) * u64::from(self.mark.split_count - 1);
-        let fits = |expanded: u64| expanded + of_one <= u64::from(self.max_expanded);
-        let waits = self.recycles && self.recycling.is_none();
-        Ok(!waits || fits(state.layout.expanded_len()) || (!self.counts_hidden && fits(shown(tools, state)?)))
-    }
-
-    /// The same thresholds, where those count or do not that an instance hides.
-    pub(super) fn counting_hidden(self, counts_hidden: bool) -> Self {
-        Self { counts_hidden, ..self }
+        let is_full = state.layout.expanded_len() + of_one > u64::from(self.max_expanded);
+        !(is_full && self.recycles && self.recycling.is_none())
     }
 
     /// The thresholds after `done` steps, for a scene of extent `extent` (scene units) whose statistics are of the steps after `since`
@@ -109,7 +99,6 @@ impl Limits {
             },
             means_have_offsets: config.offsets.position,
             max_expanded: config.max_gaussians,
-            counts_hidden: false,
             own_share: config.joint.own_share as f32,
             recycles: densify.recycle > 0.0 && densify.opacity_decay == 0.0 && densify.opacity_reset_every == 0,
             recycling: Recycling::due(config, done, since),
@@ -126,10 +115,6 @@ pub(super) struct Fates {
     pub(super) growths: Buffer<u32>,
     /// Index of the first of its new Gaussians, before instances' own are inserted.
     pub(super) firsts: Buffer<u32>,
-    /// 1 for what recycling takes away, by source Gaussian and then by offset record.
-    retired: Buffer<u32>,
-    /// Number of offset records that it hides.
-    hidden: u32,
 }
 
 /// Clones, splits and prunes Gaussians.
@@ -158,28 +143,19 @@ pub(super) fn densify(
     needs.place(tools, &fates, &inserted, &mut moves)?;
     let offset_moves = if runs.is_empty() { None } else { Some(place_offsets(tools, state, &moves, &layout, &runs)?) };
     // Every array is copied once: what has served makes room first.
-    let kept_for_own = (!inserted.is_empty()).then_some(needs);
+    let kept_for_own = (!inserted.is_empty()).then_some((needs, fates));
     tools.move_arrays(state, &moves, offset_moves.as_ref())?;
     state.scene.fit_windows(&tools.gpu, &layout)?;
-    if let Some(needs) = kept_for_own {
+    if let Some((needs, fates)) = kept_for_own {
         needs.apply_offsets(tools, state, &fates, &inserted)?;
     }
-    if let Some(offset_moves) = &offset_moves {
-        change_offsets(
-            tools,
-            state,
-            &Moved { moves: &moves, offset_moves, after: &layout, runs: &runs },
-            &fates,
-            limits,
-        )?;
-    }
+    split_offsets(tools, state, &moves, &layout, &runs, limits)?;
     split_children(tools, state, &moves, limits)?;
     let gaussians = layout.source_count() as u32;
     state.relayout(&tools.gpu, layout)?;
     let grown = u64::from(before) + u64::from(cloned) + u64::from(split) * u64::from(limits.mark.split_count - 1);
     let pruned = (grown - u64::from(after)) as u32;
-    let (own, hidden) = (gaussians - after, fates.hidden);
-    Ok(DensifyOutcome { cloned, split, pruned, own, hidden, gaussians, ..Default::default() })
+    Ok(DensifyOutcome { cloned, split, pruned, own: gaussians - after, gaussians, ..Default::default() })
 }
 
 /// What `densify_mark` and `densify_select` share besides the fates, by old Gaussian.
@@ -202,21 +178,13 @@ fn decide(
     let count = state.source_count() as u32;
     let gpu = tools.gpu.clone();
     let list = |name: &str| Buffer::<u32>::new(&gpu, name, count as usize);
-    let mut retired = none_retired(tools, state)?;
-    let mut used = Uses::find(tools, state, &retired, limits.counts_hidden)?;
-    let mut hidden = 0;
-    if let Some(recycling) = limits.recycling {
-        hidden = recycling.retire(tools, state, &used, &mut retired)?;
-        used.update(tools, state, &retired)?;
-    }
-    let (counts, growths, firsts) = (list("counts")?, list("growths")?, list("firsts")?);
-    let mut fates = Fates { counts, growths, firsts, retired, hidden };
+    let mut fates = Fates { counts: list("counts")?, growths: list("growths")?, firsts: list("firsts")? };
     let (gains, gains_expanded, kept_expanded) = (list("gains")?, list("gains_expanded")?, list("kept_expanded")?);
     let mut gains = Gains { gains, gains_expanded, kept_expanded };
     let mut sort = SortBuffers::new(&tools.gpu, "gradient", count as usize)?;
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
-    record_mark(tools, state, limits, (needs, &used), &mut sort, &mut gains, &mut fates)?;
+    record_mark(tools, state, limits, needs, &mut sort, &mut gains, &mut fates)?;
     let kept = ScanInput::in_order(&gains.kept_expanded);
     tools.record_scan(&mut scratch, Some(COUNTER_KEPT), kept, &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
@@ -245,13 +213,41 @@ fn record_mark(
     tools: &mut Tools,
     state: &DeviceState,
     limits: &Limits,
-    (needs, used): (&own::Needs, &Uses),
+    needs: &own::Needs,
     sort: &mut SortBuffers,
     gains: &mut Gains,
     fates: &mut Fates,
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
     let count = state.source_count() as u32;
+    let mut uses = Buffer::new(&tools.gpu, "uses", count as usize)?;
+    let mut highest_logits = Buffer::new(&tools.gpu, "highest_logits", count as usize)?;
+    let mut log_world_scales = Buffer::new(&tools.gpu, "log_world_scales", count as usize)?;
+    let mut felt = Buffer::new(&tools.gpu, "felt", count as usize)?;
+    // A Gaussian of no template is used by no instance, and shown by none.
+    tools.recorder.fill(&mut uses, 0)?;
+    tools.recorder.fill(&mut highest_logits, f32::MIN.to_bits())?;
+    tools.recorder.fill(&mut log_world_scales, 0)?;
+    tools.recorder.fill(&mut felt, 0)?;
+    let bindings = source_use::Bindings {
+        source_chunks: &state.tables.chunks,
+        instance_from_template: &state.tables.instance_from_template,
+        instances: &state.scene.instances,
+        opacity_logits: &parameters.opacity_logits,
+        offset_opacity_logits: &parameters.offset_opacity_logits,
+        uses: &mut uses,
+        highest_logits: &mut highest_logits,
+        log_world_scales: &mut log_world_scales,
+        logit_moments: &state.moments.parameters[Parameter::OpacityLogits],
+        offset_logit_moments: &state.moments.parameters[Parameter::OffsetOpacityLogits],
+        felt: &mut felt,
+    };
+    let params = source_use::Params { chunk_count: state.tables.chunk_count };
+    let grid = Grid::groups(state.tables.chunk_count);
+    tools.recorder.dispatch(&tools.pipelines.source_use, grid, &params, bindings)?;
+    if let Some(recycling) = limits.recycling {
+        recycling.retire(tools, state, &uses, &felt, &mut highest_logits)?;
+    }
     for window in state.scene.windows.iter() {
         let bindings = densify_mark::Bindings {
             means: &parameters.means,
@@ -263,9 +259,9 @@ fn record_mark(
             sh2: &parameters.sh2,
             sh3: &parameters.sh3,
             screen_statistics: &state.gradients.screen_statistics,
-            uses: &used.uses,
-            highest_logits: &used.highest_logits,
-            log_world_scales: &used.log_world_scales,
+            uses: &uses,
+            highest_logits: &highest_logits,
+            log_world_scales: &log_world_scales,
             own_counts: &needs.own_counts,
             own_gradients: &needs.own_gradients,
             keys: &mut sort.keys,
@@ -356,36 +352,25 @@ fn place(
     Ok(moves)
 }
 
-/// Source Gaussians and offset records that have been moved; children still have their parent's parameters.
-struct Moved<'a> {
-    moves: &'a Moves,
-    offset_moves: &'a Moves,
-    /// The layout that they were moved to.
-    after: &'a SourceLayout,
-    /// The runs of offset records, before and afterwards.
-    runs: &'a [MovedRun],
-}
-
-/// Hides the offset records that recycling takes away, and divides those of split Gaussians among their children.
-fn change_offsets(
+/// Divides the offsets of split Gaussians among their children, in every run of `runs`. Source Gaussians and offset records have
+/// been moved to the layout `after`, and children still have their parent's parameters.
+fn split_offsets(
     tools: &mut Tools,
     state: &mut DeviceState,
-    moved: &Moved<'_>,
-    fates: &Fates,
+    moves: &Moves,
+    after: &SourceLayout,
+    runs: &[MovedRun],
     limits: &Limits,
 ) -> Result<(), GpuError> {
-    let first_retired = state.source_count() as u32;
     let traits = state.scene.traits(0);
     let kinds = [traits.offset_log_scales, traits.offset_quats, limits.means_have_offsets];
     let kinds = kinds.iter().enumerate().map(|(bit, &has)| u32::from(has) << bit).sum();
     let parameters = &mut state.scene.parameters;
-    for run in moved.runs {
-        let range = moved.after.template_ranges[run.template as usize];
-        let bindings = densify_offsets::Bindings {
-            origins: &moved.moves.origins,
-            made: &moved.moves.made,
-            offset_origins: &moved.offset_moves.origins,
-            retired: &fates.retired,
+    for run in runs {
+        let range = after.template_ranges[run.template as usize];
+        let bindings = densify_split_offsets::Bindings {
+            origins: &moves.origins,
+            made: &moves.made,
             quats: &parameters.quats,
             log_scales: &parameters.log_scales,
             opacity_logits: &parameters.opacity_logits,
@@ -395,21 +380,19 @@ fn change_offsets(
             offset_opacity_logits: &mut parameters.offset_opacity_logits,
         };
         let densify_split::Params { seed, time, halves, distance, opacity, .. } = limits.split;
-        let params = densify_offsets::Params {
+        let params = densify_split_offsets::Params {
             count: range.count,
             first_source: range.first,
             first_offset: run.after,
-            first_retired,
             kinds,
             seed,
             time,
             halves,
             distance,
             opacity,
-            hidden_logit: HIDDEN_LOGIT,
         };
         let grid = tools.threads(range.count);
-        tools.recorder.dispatch(&tools.pipelines.densify_offsets, grid, &params, bindings)?;
+        tools.recorder.dispatch(&tools.pipelines.densify_split_offsets, grid, &params, bindings)?;
     }
     tools.run()
 }

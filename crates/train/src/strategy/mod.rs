@@ -11,7 +11,6 @@ mod mcmc_step;
 mod own;
 mod recycle;
 mod tools;
-mod uses;
 
 pub use mcmc_step::McmcStep;
 
@@ -35,8 +34,6 @@ pub struct DensifyOutcome {
     pub pruned: u32,
     /// Gaussians that single instances got for their own.
     pub own: u32,
-    /// Offset records that were hidden: their instances no longer show a Gaussian that others do.
-    pub hidden: u32,
     /// Dead Gaussians that were moved onto live ones.
     pub relocated: u32,
     /// Gaussians added on live ones (the strategy `mcmc`).
@@ -94,29 +91,12 @@ impl Strategy {
 
     /// True if [`Strategy::after_step`] clones, splits, prunes or relocates Gaussians after `done` steps: when that is due, unless the
     /// scene is full and waits for recycling.
-    ///
-    /// # Errors
-    /// The device failed, or ran out of memory.
-    pub fn densifies(
-        &mut self,
-        state: &DeviceState,
-        config: &TrainConfig,
-        done: u64,
-        extent: f64,
-    ) -> Result<bool, RenderError> {
+    pub fn densifies(&self, state: &DeviceState, config: &TrainConfig, done: u64, extent: f64) -> bool {
         if !config.densifies_at(done) || config.strategy == config::Strategy::Mcmc {
-            return Ok(config.densifies_at(done));
+            return config.densifies_at(done);
         }
         let limited = TrainConfig { max_gaussians: config.max_gaussians.min(self.most(state)), ..config.clone() };
-        Ok(self.limits(state, &limited, done, extent).has_room(&mut self.tools, state)?)
-    }
-
-    /// The thresholds of the densification after `done` steps.
-    fn limits(&self, state: &DeviceState, config: &TrainConfig, done: u64, extent: f64) -> densify::Limits {
-        // What is hidden does not count as long as the device has room for it, whatever grows.
-        let grown = state.layout.expanded_len().saturating_mul(u64::from(config.densify.children()));
-        let counts_hidden = grown > u64::from(self.most(state));
-        densify::Limits::new(config, done, extent, state.statistics_since).counting_hidden(counts_hidden)
+        densify::Limits::new(&limited, done, extent, state.statistics_since).has_room(state)
     }
 
     /// The largest number of expanded Gaussians that the device's bindings have room for.
@@ -136,8 +116,8 @@ impl Strategy {
     ) -> Result<Option<DensifyOutcome>, RenderError> {
         let mut outcome = None;
         if config.densifies_at(done) && config.strategy == config::Strategy::Densify {
-            let limits = self.limits(state, config, done, extent);
-            if limits.has_room(&mut self.tools, state)? {
+            let limits = densify::Limits::new(config, done, extent, state.statistics_since);
+            if limits.has_room(state) {
                 outcome = Some(densify::densify(&mut self.tools, state, &limits)?);
             }
         }

@@ -1,17 +1,12 @@
 //! Room in a full cloud: at intervals, the Gaussians that the loss would miss least make place for growth elsewhere. A scene that
 //! was merged above its bound comes down to the same room.
-//!
-//! A template's Gaussian is hidden in single instances, by the opacity offset of their record: what one car hides behind its
-//! neighbour another shows. Where none shows it any more it is removed.
 
-use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::{Buffer, GpuError};
 use instgs_vk::kernels::{densify_cost, densify_retire};
 use instgs_vk::render::scan::ScanInput;
 use instgs_vk::render::sort::SortBuffers;
 
 use super::tools::Tools;
-use super::uses::Uses;
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
 
@@ -37,54 +32,43 @@ impl Recycling {
         is_due.then_some(Self { room, steps: done.saturating_sub(since) as f32 })
     }
 
-    /// Marks what costs least in `retired` (see `none_retired`) until no more is shown than may stay: Gaussians, and offset records
-    /// where these are judged one by one. Returns the number of records.
+    /// Makes those that cost least count as transparent (`highest_logits`), if the scene has more than may stay. `uses` is the
+    /// number of instances and `felt` what the loss feels of them, by source (see `source_use`).
     pub(super) fn retire(
         self,
         tools: &mut Tools,
         state: &DeviceState,
-        used: &Uses,
-        retired: &mut Buffer<u32>,
-    ) -> Result<u32, GpuError> {
-        let goal = used.total(tools)?.saturating_sub(self.room).min(u64::from(u32::MAX)) as u32;
+        uses: &Buffer<u32>,
+        felt: &Buffer<f32>,
+        highest_logits: &mut Buffer<f32>,
+    ) -> Result<(), GpuError> {
+        let goal = state.layout.expanded_len().saturating_sub(self.room).min(u64::from(u32::MAX)) as u32;
         if goal == 0 {
-            return Ok(0);
+            return Ok(());
         }
-        let sources = state.source_count() as u32;
-        let count = sources + used.records;
+        let count = state.source_count() as u32;
         let mut sort = SortBuffers::new(&tools.gpu, "cost", count as usize)?;
-        let mut draws = Buffer::new(&tools.gpu, "draws", count as usize)?;
         let mut tables = tools.sort_tables(count)?;
         let mut scratch = tools.scratch(count)?;
         let grid = tools.threads(count);
         let bindings = densify_cost::Bindings {
-            felt: &used.felt,
+            felt,
             screen_statistics: &state.gradients.screen_statistics,
-            uses: &used.uses,
-            record_felt: &used.record_felt,
-            record_statistics: &state.gradients.record_statistics,
+            uses,
             keys: &mut sort.keys,
             values: &mut sort.values,
-            draws: &mut draws,
         };
-        let params = densify_cost::Params { count, sources, steps: self.steps };
+        let params = densify_cost::Params { count, steps: self.steps };
         tools.recorder.dispatch(&tools.pipelines.densify_cost, grid, &params, bindings)?;
         tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
         // In the order of costs; the list of the sort has served.
-        let order = ScanInput { values: &draws, indices: Some(&sort.values) };
+        let order = ScanInput { values: uses, indices: Some(&sort.values) };
         tools.record_scan(&mut scratch, None, order, &mut sort.keys)?;
-        let bindings = densify_retire::Bindings {
-            order: &sort.values,
-            draws: &draws,
-            draws_before: &sort.keys,
-            counters: &mut scratch.counters,
-            retired,
-        };
-        let params = densify_retire::Params { count, sources, goal };
+        let bindings = densify_retire::Bindings { order: &sort.values, uses_before: &sort.keys, highest_logits };
+        let params = densify_retire::Params { count, goal };
         tools.recorder.dispatch(&tools.pipelines.densify_retire, grid, &params, bindings)?;
         // The buffers of the sort must live until it has finished.
-        tools.run()?;
-        Ok(tools.counters(&scratch)?[COUNTER_HIDDEN as usize])
+        tools.run()
     }
 }
 
