@@ -7,7 +7,7 @@
 //   `offset_means` and `offset_opacity_logits`, which hold the parent's before.
 // - An instance's child is at the same place among the standard deviations of its parent as the template's, so that scales need
 //   no change: the same divisor is taken off the same axis of both.
-// - Grid: one thread per new Gaussian of the run's template. Bytes: 4 read each, 112 more per child.
+// - Grid: one thread per new Gaussian of the run's template. Bytes: 4 read each, 92 more per child.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -45,7 +45,8 @@ void main() {
     uint source = first_source + i, record = first_offset + i;
     if (made[source] < MADE_CHILD) return;
     float logit = opacity_logits[source];
-    offset_opacity_logits[record] = child_logit(logit + offset_opacity_logits[record], opacity) - child_logit(logit, opacity);
+    // Otherwise the opacities are those of the parent, and so is their difference.
+    if (opacity < 1.0) offset_opacity_logits[record] = child_logit(logit + offset_opacity_logits[record], opacity) - child_logit(logit, opacity);
     if ((kinds & 4) == 0) return;
     vec3 scales = log_scales[source];
     vec4 quat = quats[source];

@@ -329,11 +329,11 @@ mod tests {
         assert_eq!((again.means, again.opacity_logits), (flat.means, flat.opacity_logits));
         // Instances that share offsets and matrix share the new ones, and one that looks like its template has none.
         let mut more = scene.clone();
-        more.instances.extend([instance(Some(0)), instance(None)]);
-        more.color_from_template.extend([matrix, SAME_COLOR]);
+        more.instances.extend([instance(Some(0)), instance(None), instance(Some(0))]);
+        more.color_from_template.extend([matrix, SAME_COLOR, SAME_COLOR]);
         let shared = more.with_colors_in_offsets();
         let firsts: Vec<_> = shared.instances.iter().map(|instance| instance.first_offset).collect();
-        assert_eq!((firsts, shared.offsets.len()), (vec![Some(0), Some(1), Some(1), None], 2));
+        assert_eq!((firsts, shared.offsets.len()), (vec![Some(0), Some(1), Some(1), None, Some(2)], 3));
         assert!(!shared.flatten().sh.iter().zip(&more.flatten().sh).any(differ));
     }
 

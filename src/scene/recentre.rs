@@ -10,8 +10,6 @@ impl InstancedScene {
     /// from its position in every instance. Then q8, whose steps are proportional to the largest offset, loses the
     /// small differences, and a copy without offsets shows the Gaussian out of place.
     ///
-    /// What an instance hides (see [`InstancedScene::is_drawn`]) stays as it is, and is none of the mean: it would be far off.
-    ///
     /// Quaternions stay, since a template's quaternion plus a mean may be zero. Templates with an instance without
     /// offsets stay, as do those that share Gaussians with another, and all templates do if runs of records overlap
     /// partially.
@@ -28,9 +26,7 @@ impl InstancedScene {
             let runs: BTreeSet<usize> =
                 of_template().filter_map(|i| i.first_offset).map(|first| first as usize).collect();
             for j in 0..range.count as usize {
-                let i = range.first as usize + j;
-                let records = runs.iter().map(|first| first + j).filter(|&record| self.is_drawn(i, record));
-                self.recentre(i, &records.collect::<Vec<_>>());
+                self.recentre(range.first as usize + j, &runs.iter().map(|first| first + j).collect::<Vec<_>>());
             }
         }
     }
@@ -80,7 +76,6 @@ fn share<const N: usize>(value: &mut [f32; N], offsets: &mut [[f32; N]], records
 mod tests {
     use super::*;
     use crate::math::similarity::Similarity;
-    use crate::scene::removable::HIDDEN_LOGIT;
     use crate::scene::{Gaussians, Offsets, SourceRange};
 
     /// `n` Gaussians of degree 1; every parameter has another value.
@@ -159,34 +154,6 @@ mod tests {
         let again = scalars(&once.flatten()).iter().zip(scalars(&scene.flatten())).all(|(a, b)| (a - b).abs() < 4e-6);
         assert!(again);
         Ok(())
-    }
-
-    /// What an instance does not draw is none of the mean, and its offsets can be cleared: no picture changes.
-    #[test]
-    fn what_is_hidden_is_none_of_the_mean() {
-        let mut scene = sample();
-        scene.offsets.opacity_logits[1] = HIDDEN_LOGIT - scene.templates.opacity_logits[1];
-        scene.offsets.means[1] = [500.0, 0.0, 0.0];
-        // Transparent by chance, and so never drawn either.
-        scene.offsets.opacity_logits[5] = -7.0 - scene.templates.opacity_logits[2];
-        let drawn = |scene: &InstancedScene| {
-            let flat = scene.flatten();
-            flat.filtered(|i| flat.opacity_logits[i] > -5.5)
-        };
-        let before = drawn(&scene);
-        assert_eq!(before.len(), scene.expanded_len() as usize - 3, "two instances share the second of these records");
-        scene.recentre_offsets();
-        assert!(scene.templates.means[1].iter().all(|v| v.abs() < 3.0), "{:?}", scene.templates.means[1]);
-        assert_eq!((scene.clear_hidden_offsets(), scene.hidden_len()), (2, 3));
-        let offsets = &scene.offsets;
-        for m in [1, 5] {
-            assert!(offsets.means[m] == [0.0; 3] && offsets.sh_dc[m] == [0.0; 3] && offsets.log_scales[m] == [0.0; 3]);
-            assert!(offsets.rest_of(m).iter().all(|v| *v == [0.0; 3]));
-        }
-        let after = drawn(&scene);
-        let worst = scalars(&before).iter().zip(scalars(&after)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        assert!(after.len() == before.len() && worst < 4e-6, "{worst}");
-        assert_eq!((scene.clear_hidden_offsets(), scene.clone()), (2, scene));
     }
 
     #[test]

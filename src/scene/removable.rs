@@ -8,19 +8,8 @@ use crate::scene::instanced_scene::{Instance, InstancedScene, SourceRange};
 /// that it is never blended.
 pub const HIDDEN_LOGIT: f32 = -12.0;
 
-/// Opacity below which nothing is blended.
-pub const LEAST_DRAWN_OPACITY: f64 = 1.0 / 255.0;
-
 impl InstancedScene {
-    /// False if a template's Gaussian is never blended where an instance shows it by an offset record. Indices are those into the
-    /// templates' Gaussians and into the offset records.
-    pub fn is_drawn(&self, gaussian: usize, record: usize) -> bool {
-        let logit = f64::from(self.templates.opacity_logits[gaussian]) + f64::from(self.offsets.opacity_logits[record]);
-        let least = (LEAST_DRAWN_OPACITY / (1.0 - LEAST_DRAWN_OPACITY)).ln();
-        logit >= least
-    }
-
-    /// True if an instance hides a template's Gaussian by an offset record, as pruning and training leave it, so that it is never drawn. Indices are those into
+    /// True if an instance hides a template's Gaussian by an offset record, as pruning leaves it, so that it is never drawn. Indices are those into
     /// the templates' Gaussians and into the offset records.
     pub fn is_hidden(&self, gaussian: usize, record: usize) -> bool {
         // Packing rounds.
@@ -33,40 +22,17 @@ impl InstancedScene {
         instance.first_offset.is_some_and(|record| self.is_hidden((first + local) as usize, (record + local) as usize))
     }
 
-    /// Number of expanded Gaussians that instances hide: they are stored, but never drawn.
-    pub fn hidden_len(&self) -> u64 {
-        let of_instance = |instance: &Instance| {
-            let count = self.template_ranges[instance.template as usize].count;
-            (0..count).filter(|&local| self.hides(instance, local)).count() as u64
-        };
-        self.instances.iter().map(of_instance).sum()
+    /// Number of expanded Gaussians that instance `k` hides: they are stored, but never drawn.
+    pub fn hidden_in(&self, k: usize) -> u64 {
+        let instance = &self.instances[k];
+        let Some(_) = instance.first_offset else { return 0 };
+        let count = self.template_ranges[instance.template as usize].count;
+        (0..count).filter(|&local| self.hides(instance, local)).count() as u64
     }
 
-    /// Makes offset records of which nothing is drawn alike: no offsets but that of the opacity, with which the Gaussian has
-    /// [`HIDDEN_LOGIT`]. No picture changes, and their numbers cost files next to nothing. Returns how many there are. Records that
-    /// Gaussians of several templates use stay as they are.
-    pub fn clear_hidden_offsets(&mut self) -> usize {
-        let mut gaussian_of = vec![None; self.offsets.len()];
-        for instance in &self.instances {
-            let (Some(first), range) = (instance.first_offset, self.template_ranges[instance.template as usize]) else {
-                continue;
-            };
-            for local in 0..range.count {
-                let (record, gaussian) = ((first + local) as usize, (range.first + local) as usize);
-                let known = gaussian_of[record].get_or_insert(Some(gaussian));
-                *known = known.filter(|&other| other == gaussian);
-            }
-        }
-        let mut cleared = 0;
-        for (record, gaussian) in gaussian_of.into_iter().enumerate() {
-            let Some(gaussian) = gaussian.flatten().filter(|&gaussian| !self.is_drawn(gaussian, record)) else {
-                continue;
-            };
-            self.offsets.clear(record);
-            self.offsets.opacity_logits[record] = HIDDEN_LOGIT - self.templates.opacity_logits[gaussian];
-            cleared += 1;
-        }
-        cleared
+    /// The same of all instances.
+    pub fn hidden_len(&self) -> u64 {
+        (0..self.instances.len()).map(|k| self.hidden_in(k)).sum()
     }
 }
 
@@ -102,6 +68,17 @@ impl Removable {
     pub fn draws(&self) -> usize {
         self.users.max(1)
     }
+}
+
+/// A scene from which parts were removed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Removed {
+    /// What is left.
+    pub scene: InstancedScene,
+    /// By how many expanded Gaussians fewer are drawn.
+    pub fewer: usize,
+    /// How many of these are still stored, since other instances show the same Gaussian of their template.
+    pub hidden: usize,
 }
 
 /// All that can be removed: each expanded Gaussian belongs to exactly one. What no instance shows is not among them.
@@ -205,21 +182,20 @@ impl Removables {
         self.users(of).iter().map(place).collect()
     }
 
-    /// The scene without the parts that are marked, in the order of [`Removables::all`]; and by how many expanded Gaussians fewer
-    /// are drawn. A template's Gaussian that some instances still show is made transparent in the others by their offsets; where
-    /// they have none, it stays.
-    pub fn removed(&self, scene: &InstancedScene, is_removed: &[bool]) -> (InstancedScene, usize) {
+    /// The scene without the parts that are marked, in the order of [`Removables::all`]. A template's Gaussian that some instances
+    /// still show is hidden in the others by their offsets; where they have none, it stays.
+    pub fn removed(&self, scene: &InstancedScene, is_removed: &[bool]) -> Removed {
         let mut out = scene.clone();
         let mut is_shown = vec![false; scene.templates.len()];
         for (removable, &removed) in self.all.iter().zip(is_removed) {
             if let (Part::Record { gaussian, .. } | Part::Template(gaussian), false) = (removable.part, removed) {
-                is_shown[gaussian as usize] = true;
+                is_shown[gaussian as usize] |= !Self::is_hidden(scene, removable);
             }
         }
         let mut is_template_kept = vec![true; scene.templates.len()];
         let mut is_own_kept = vec![true; scene.own.len()];
         let mut is_background_kept = vec![true; scene.background.len()];
-        let mut fewer = 0;
+        let (mut fewer, mut hidden) = (0, 0);
         for (removable, _) in self.all.iter().zip(is_removed).filter(|(_, removed)| **removed) {
             match removable.part {
                 Part::Record { gaussian, .. } if !is_shown[gaussian as usize] => {
@@ -230,6 +206,7 @@ impl Removables {
                     out.offsets.clear(record as usize);
                     let logit = scene.templates.opacity_logits[gaussian as usize];
                     out.offsets.opacity_logits[record as usize] = HIDDEN_LOGIT - logit;
+                    hidden += removable.draws();
                 }
                 Part::Template(gaussian) if !is_shown[gaussian as usize] => {
                     is_template_kept[gaussian as usize] = false;
@@ -246,7 +223,7 @@ impl Removables {
         }
         let of_own = out.keep_own(|_, i| is_own_kept[i]);
         out.keep_templates(&is_template_kept, of_own + of_background);
-        (out, fewer)
+        Removed { scene: out, fewer, hidden }
     }
 }
 
@@ -342,7 +319,7 @@ mod tests {
         // Each alone: as many pictures of a Gaussian fewer, the others as they were. What has no offsets stays if others show it.
         for (i, removable) in removables.all.iter().enumerate() {
             let marks: Vec<bool> = (0..removables.all.len()).map(|j| i == j).collect();
-            let (left, fewer) = removables.removed(&scene, &marks);
+            let Removed { scene: left, fewer, .. } = removables.removed(&scene, &marks);
             left.validate().unwrap_or_else(|e| panic!("{:?}: {e}", removable.part));
             let stays = matches!(removable.part, Part::Template(gaussian) if gaussian < 3);
             let want = if stays { 0 } else { removable.draws() };
@@ -352,11 +329,21 @@ mod tests {
         // A Gaussian that no instance shows any more is no longer stored.
         let of_first = |part: Part| matches!(part, Part::Record { gaussian: 0, .. } | Part::Template(0));
         let marks: Vec<bool> = removables.all.iter().map(|r| of_first(r.part)).collect();
-        let (left, fewer) = removables.removed(&scene, &marks);
+        let Removed { scene: left, fewer, .. } = removables.removed(&scene, &marks);
         assert_eq!((fewer, left.templates.len(), left.offsets.len()), (5, 3, 6));
         assert_eq!(is_seen(&left).len(), all.len() - 5);
+        // In two steps: what is hidden has no other offsets, and is gone with the last instance that shows it.
+        let of_last = |part: Part| matches!(part, Part::Record { record: 6, .. } | Part::Template(0));
+        let marks: Vec<bool> = removables.all.iter().map(|r| of_first(r.part) && !of_last(r.part)).collect();
+        let Removed { scene: half, fewer, hidden } = removables.removed(&scene, &marks);
+        assert_eq!((fewer, hidden, half.hidden_len(), half.templates.len()), (2, 2, 2, 4));
+        assert!([0, 3].iter().all(|&m| half.offsets.means[m] == [0.0; 3] && half.offsets.sh_dc[m] == [0.0; 3]));
+        assert!(half.offsets.means[6] == scene.offsets.means[6]);
+        let marks: Vec<bool> = removables.all.iter().map(|r| of_last(r.part)).collect();
+        let Removed { scene: left, fewer, hidden } = Removables::of(&half).removed(&half, &marks);
+        assert_eq!((fewer, hidden, left.hidden_len(), left.templates.len(), left.offsets.len()), (3, 0, 0, 3, 6));
         // Everything.
-        let (left, fewer) = removables.removed(&scene, &vec![true; marks.len()]);
+        let Removed { scene: left, fewer, .. } = removables.removed(&scene, &vec![true; marks.len()]);
         assert_eq!((fewer as u64, left.source_len(), left.expanded_len()), (scene.expanded_len(), 0, 0));
     }
 }

@@ -41,7 +41,7 @@ impl RepeatedBytes {
         let ply = 4 * (3 + 3 + beside_means);
         let half = gaussians * (12 + 2 * beside_means) + instances;
         Self {
-            ply: ply * (scene.expanded_len() - scene.background.len() as u64),
+            ply: ply * (scene.expanded_len() - scene.hidden_len() - scene.background.len() as u64),
             f32: scene.templates.tensor_bytes() + scene.own.tensor_bytes() + scene.offsets.tensor_bytes() + instances,
             f16: half + scene.offsets.tensor_bytes() / 2,
             q8: half + (scene.offsets.tensor_bytes() - 28 * offsets) / 2 + 7 * offsets,

@@ -368,6 +368,11 @@ fn templates_grow_and_offsets_follow() {
                     let error = (f64::from(*logit) - want.opacity_logit).abs();
                     worst[1] = worst[1].max(error);
                     assert!(error <= 1e-5, "logit of {local} in {k}: {error:.2e}");
+                    let inherited = before.as_ref().map(|record| record.1);
+                    assert!(
+                        limits.child_opacity < 1.0 || Some(*logit) == inherited,
+                        "{k} {local}: {logit}, not inherited"
+                    );
                     if config.offsets.position {
                         let error = (widened(*mean) - want.mean).abs().max_element();
                         let scale = seen_gaussian(&scene, k, (i - first) as u32).log_scales.max_element().exp();

@@ -134,8 +134,10 @@ fn mistakes_are_named_and_nothing_is_written() {
     let (_folder, at) = folder();
     let error = |arguments: &[&str]| {
         let mut command = program();
-        command.arg("edit").arg(at("room.instgs")).args(arguments).arg("--out").arg(at("no.instgs"));
-        error_of(&mut command)
+        command.arg("edit").arg(at("room.instgs")).args(arguments).arg("--out").arg(at("no/such.instgs"));
+        let text = error_of(&mut command);
+        assert!(!at("no").exists(), "{arguments:?}");
+        text
     };
     for (arguments, want) in [
         (vec!["--delete", "3"], "--delete: there is no instance 3: there are 0 to 2"),
@@ -148,7 +150,6 @@ fn mistakes_are_named_and_nothing_is_written() {
     ] {
         let text = error(&arguments);
         assert!(text.contains(want), "{text}");
-        assert!(!at("no.instgs").exists());
     }
     let text = error_of(program().arg("edit").arg(at("room.instgs")).args(["--delete", "0", "--list"]));
     assert!(text.contains("--out"), "{text}");

@@ -130,6 +130,14 @@ fn photos_and_masks_are_not_written_over() {
         let text = error_of(eval(&at, "shifted.ply", &[]).arg("--out").arg(at.join(out)));
         assert!(text.contains("choose another folder by --out"), "{text}");
     }
+    // Masks of pixels may be anywhere.
+    fs::create_dir(at.join("counts")).unwrap();
+    image::GrayImage::from_pixel(SIZE.0, SIZE.1, image::Luma([255])).save(at.join("counts/v0.png")).unwrap();
+    let mask = fs::read(at.join("counts/v0.png")).unwrap();
+    let mut masked = eval(&at, "shifted.ply", &["--pixel-masks"]);
+    let text = error_of(masked.arg(at.join("counts")).arg("--out").arg(at.join("counts")));
+    assert!(text.contains("counts/v0.png: is a photo or a mask"), "{text}");
+    assert!(fs::read(at.join("counts/v0.png")).unwrap() == mask);
     assert!(fs::read(at.join("data/images/v0.png")).unwrap() == photo);
     assert!(fs::read(at.join("data/masks/v0.png")).unwrap() == photo);
 }

@@ -84,9 +84,6 @@ pub(super) fn run(args: &EditArgs, printer: &Printer) -> Result<(), CliError> {
     if !args.operations.is_empty() && args.out.is_none() {
         return Err(CliError::msg("edit: name the file for the changed scene with --out"));
     }
-    if let Some(out) = &args.out {
-        create_folder_of(out)?;
-    }
     let mut scene = open_scene(&args.scene, printer)?.scene;
     let up = orbit_of(&args.scene, &scene, args.up).up;
     let operations = edit(&mut scene, args, up, printer)?;
@@ -94,6 +91,7 @@ pub(super) fn run(args: &EditArgs, printer: &Printer) -> Result<(), CliError> {
     if let Some(out) = &args.out {
         // The file may be the scene's own.
         let lost = packing_lost(&args.scene);
+        create_folder_of(out)?;
         save_scene(out, &scene)?;
         let notes = ExportedScene::default().notes(out, &scene, ExportFormat::Instgs(Pack::F32));
         notes.iter().chain(&lost).for_each(|note| printer.warning(note));

@@ -112,7 +112,8 @@ impl Pictures {
     fn new(folder: &Path, views: &[View], data: &Path) -> Result<Self, CliError> {
         let cameras: Vec<_> = views.iter().map(|view| view.camera.clone()).collect();
         let names = picture_files::names(&cameras)?;
-        picture_files::check_not_of_data(folder, &names, data)?;
+        let masks = views.iter().filter_map(|view| view.mask_path.as_deref());
+        picture_files::check_not_of_data(folder, &names, data, masks)?;
         create_folder(folder)?;
         Ok(Self { files: names.iter().map(|name| folder.join(format!("{name}.png"))).collect() })
     }

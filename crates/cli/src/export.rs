@@ -1,5 +1,6 @@
 //! `instgs-vk export`: writes a scene in another file format.
 
+use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -101,7 +102,8 @@ struct Exported {
     /// Number of Gaussians in the new file: expanded, or the stored ones for .glb, .instgs, .html and a folder.
     gaussians: u64,
     flattened_instances: usize,
-    bytes: u64,
+    /// Length of the file, or of all files of the folder; `None` if it went to a pipe or a device.
+    bytes: Option<u64>,
 }
 
 impl From<PackArg> for Pack {
@@ -239,8 +241,10 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
     let plan = data.map(|data| planned(args, &mut scene, data, device_args, printer)).transpose()?;
     let ExportedScene { gaussians, folder_bytes, .. } = write(args, &scene, format, plan.as_ref(), printer)?;
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };
-    let bytes =
-        if format == ExportFormat::SogFolder { folder_bytes } else { std::fs::metadata(to).map_or(0, |f| f.len()) };
+    let bytes = match format {
+        ExportFormat::SogFolder => Some(folder_bytes),
+        _ => std::fs::metadata(to).ok().filter(Metadata::is_file).map(|file| file.len()),
+    };
     let report = Exported {
         scene: args.scene.display().to_string(),
         to: to.display().to_string(),
@@ -253,6 +257,7 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
     }
     let how =
         if flattened_instances > 0 { format!(", {flattened_instances} instances expanded") } else { String::new() };
-    printer.line(format_args!("{}: {} Gaussians{how}, {} bytes", report.to, grouped(gaussians), grouped(bytes)));
+    let bytes = bytes.map(|bytes| format!(", {} bytes", grouped(bytes))).unwrap_or_default();
+    printer.line(format_args!("{}: {} Gaussians{how}{bytes}", report.to, grouped(gaussians)));
     Ok(())
 }

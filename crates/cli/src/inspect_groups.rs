@@ -79,6 +79,7 @@ fn group(
     // Shared ones are counted once, like shared records.
     let own: BTreeSet<SourceRange> = members.clone().map(|k| scene.own_range(k)).collect();
     let own: u64 = own.iter().map(|range| u64::from(range.count)).sum();
+    let hidden: u64 = members.clone().map(|k| scene.hidden_in(k)).sum();
     let expanded_own: u64 = members.map(|k| u64::from(scene.own_range(k).count)).sum();
     // The group's offset records consist of whole segments; shared records are counted once.
     let len = range.count as usize;
@@ -100,7 +101,7 @@ fn group(
             + RANGE_BYTES
     });
     let expanded = gaussians * instances + expanded_own;
-    let flattened_ply_bytes = expanded * ply::row_bytes(scene.sh_degree());
+    let flattened_ply_bytes = (expanded - hidden) * ply::row_bytes(scene.sh_degree());
     let bound_bytes = bound_bytes(gaussians, records, own, scene.templates.sh_degree);
     let times = |bytes| ratio(flattened_ply_bytes, bytes);
     GroupReport {

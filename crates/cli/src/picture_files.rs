@@ -75,18 +75,27 @@ pub(super) fn names(cameras: &[Camera]) -> Result<Vec<String>, CliError> {
     Ok(names)
 }
 
-/// Fails if one of the files `NAME.png` in `folder` is a photo or a mask of the data set: pictures have the names of their views.
-pub(super) fn check_not_of_data(folder: &Path, names: &[String], data: &Path) -> Result<(), CliError> {
+/// Fails if one of the files `NAME.png` in `folder` is a photo or a mask of the data set, or one of the masks `more`: pictures have
+/// the names of their views.
+pub(super) fn check_not_of_data<'a>(
+    folder: &Path,
+    names: &[String],
+    data: &Path,
+    more: impl Iterator<Item = &'a Path>,
+) -> Result<(), CliError> {
     let canonical = |path: &Path| path.canonicalize().ok();
-    let mut inputs: BTreeSet<PathBuf> = BTreeSet::new();
+    let mut inputs: BTreeSet<PathBuf> = more.filter_map(canonical).collect();
     for view in read_views(data)?.views {
         inputs
             .extend([Some(view.image_path), view.mask_path].into_iter().flatten().filter_map(|path| canonical(&path)));
     }
     let masks = MaskFolder::default_for(data).and_then(|masks| canonical(&masks));
+    // Masks of objects have their names in this file, wherever they are.
+    let is_of_masks = folder.join("categories.json").is_file();
     for file in names.iter().map(|name| folder.join(format!("{name}.png"))) {
         let Some(path) = canonical(&file) else { continue };
-        if inputs.contains(&path) || masks.as_ref().is_some_and(|masks| path.starts_with(masks)) {
+        let is_mask = is_of_masks || masks.as_ref().is_some_and(|masks| path.starts_with(masks));
+        if is_mask || inputs.contains(&path) {
             let error = IoError::new(&file, format!("is a photo or a mask of the data set {}", data.display()));
             return Err(error.advise("choose another folder by --out").into());
         }

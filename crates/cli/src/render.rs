@@ -85,8 +85,8 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
     let options = args.memory.apply(args.precision.apply(args.lod.apply(args.look.options(opened.scene()))));
     let cameras = args.views.cameras(&args.scene, opened.scene(), options.near, printer)?;
     let names = picture_files::names(&cameras)?;
-    if let Some(data) = args.views.data() {
-        picture_files::check_not_of_data(&args.out, &names, data)?;
+    if let Some(data) = args.views.data().filter(|_| args.format == Format::Png) {
+        picture_files::check_not_of_data(&args.out, &names, data, std::iter::empty())?;
     }
     create_folder(&args.out)?;
     let gpu = device::open(device_args.choice())?;

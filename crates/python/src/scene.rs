@@ -225,7 +225,7 @@ impl Scene {
         Ok(out)
     }
 
-    /// The number of Gaussians of each part: "template", "offsets" (records), "own", "background" and "expanded".
+    /// The number of Gaussians of each part: "template", "offsets" (records), "own", "background" and "expanded", and "hidden" if there are any.
     #[getter]
     fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         crate::json::to_python(py, &instgs_eval::Counts::of(&self.snapshot(py)))

@@ -45,6 +45,6 @@ pub use observer::{TrainMessage, TrainObserver};
 pub use results::cameras_at_training_size;
 pub use same_data::check_finished;
 pub use sensitivity::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras, write_small};
-pub use start::{leave_out_masked, most_at_first, no_training_views, put_pixel_masks, read_dataset, unused_masks};
+pub use start::{first_count, leave_out_masked, no_training_views, put_pixel_masks, read_dataset, unused_masks};
 pub use trainer::{TrainJob, Trained, train};
 pub use view_pictures::{eval_options, evaluate_test_views};

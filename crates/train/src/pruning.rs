@@ -71,10 +71,9 @@ pub fn prune(
         is_removed[i] = true;
         drawn -= removables.all[i].draws() as f64;
     }
-    let (pruned, fewer) = removables.removed(scene, &is_removed);
-    let fewer = fewer as u64;
-    let hidden = fewer.saturating_sub(scene.expanded_len() - pruned.expanded_len());
-    Ok(Pruned { drawn: before as u64 - fewer, fewer, hidden, scene: pruned })
+    let removed = removables.removed(scene, &is_removed);
+    let (fewer, hidden) = (removed.fewer as u64, removed.hidden as u64);
+    Ok(Pruned { drawn: before as u64 - fewer, fewer, hidden, scene: removed.scene })
 }
 
 /// By expanded Gaussian in flat order, the sum of its blending weights over all pixels of all cameras, pixels.

@@ -7,7 +7,6 @@ use instgs_io::view_image::camera_at_width;
 use instgs_io::{IoError, RunFolder, View, write_cameras, write_ply, write_scene_file};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::Renderer;
-use instgs_vk::scene::removable::LEAST_DRAWN_OPACITY;
 use instgs_vk::scene::{Camera, InstancedScene};
 
 use super::config::{Method, TrainConfig};
@@ -72,6 +71,9 @@ pub(super) fn evaluate_at_end(
     evaluate_test_views(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
 }
 
+/// Blending skips an alpha below this.
+const LOWEST_DRAWN_OPACITY: f64 = 1.0 / 255.0;
+
 /// Removes non-finite Gaussians and those that no instance shows, and makes those that one shows its own; returns how many
 /// Gaussians were removed for each reason.
 pub(super) fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
@@ -80,13 +82,12 @@ pub(super) fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usiz
     let mut pruned = 0;
     if prune {
         pruned = scene.prune_transparent(config.joint.prune_opacity);
-        scene.give_to_single_users(config.joint.prune_opacity.min(LEAST_DRAWN_OPACITY));
+        scene.give_to_single_users(config.joint.prune_opacity.min(LOWEST_DRAWN_OPACITY));
     }
     if scene.own.is_empty() {
         scene.own_ranges.clear();
     }
     scene.recentre_offsets();
-    scene.clear_hidden_offsets();
     (dropped, pruned)
 }
 

@@ -384,23 +384,33 @@ fn first_instanced(
 
 /// The largest number of Gaussians that training may start from. If the strategy adds Gaussians, points give at most
 /// half of `max_gaussians`, since without room to grow no detail can be added. See docs/measurements.md.
-pub fn most_at_first(config: &TrainConfig) -> usize {
+fn most_at_first(config: &TrainConfig) -> usize {
     let most = config.max_gaussians as usize;
     let grows = config.strategy != Strategy::None && config.init_scene.is_none();
     if grows { most.div_ceil(2) } else { most }
 }
 
-/// Keeps every k-th Gaussian, so that there are no more than at first may be.
-fn capped(cloud: Gaussians, config: &TrainConfig, warnings: &mut Vec<String>) -> Gaussians {
-    let (count, most) = (cloud.len(), most_at_first(config));
+/// How many of `count` Gaussians training starts from, and a warning if they are fewer.
+pub fn first_count(count: usize, config: &TrainConfig) -> (usize, Option<String>) {
+    let most = most_at_first(config);
     if count <= most {
-        return cloud;
+        return (count, None);
     }
     let why = match config.max_gaussians as usize {
         max if max > most => "half of max_gaussians, so that it can grow",
         _ => "max_gaussians",
     };
-    warnings.push(format!("the start has {count} Gaussians; {most} of them are kept ({why})"));
+    (most, Some(format!("the start has {count} Gaussians; {most} of them are kept ({why})")))
+}
+
+/// Keeps every k-th Gaussian, so that there are no more than at first may be.
+fn capped(cloud: Gaussians, config: &TrainConfig, warnings: &mut Vec<String>) -> Gaussians {
+    let count = cloud.len();
+    let (most, warning) = first_count(count, config);
+    if warning.is_none() {
+        return cloud;
+    }
+    warnings.extend(warning);
     // Evenly distributed: i is kept where i * most / count increases.
     cloud.filtered(|i| (i + 1) * most / count > i * most / count)
 }

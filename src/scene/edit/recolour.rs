@@ -8,7 +8,7 @@ use crate::scene::edit::membership::drop_foreign;
 use crate::scene::edit::{EditOutcome, EditReason, Selector, offset_runs, own};
 use crate::scene::instanced_scene::{InstancedScene, SourceRange};
 
-/// Upper limit on a shift, in units of colour: far beyond any picture, and small enough that no f32 overflows.
+/// Upper limit on a shift, in units of colour: far beyond any picture.
 const LARGEST_SHIFT: f32 = 1e6;
 
 pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 3]) -> Result<EditOutcome, EditReason> {
@@ -24,13 +24,19 @@ pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 
     let has_matrices = !scene.color_from_template.is_empty();
     if has_matrices {
         // Coefficients and offsets are before the matrix, which changes the shift of a template, too.
-        for &k in &outcome.changed {
+        let shifted = |&k: &usize| {
             let in_template = if whole.contains(&scene.instances[k].template) { rgb } else { [0.0; 3] };
-            for (row, by) in scene.color_from_template[k].iter_mut().zip(rgb) {
+            let mut matrix = scene.color_from_template[k];
+            for (row, by) in matrix.iter_mut().zip(rgb) {
                 let of_template: f32 = (0..3).map(|c| row[c] * in_template[c]).sum();
                 row[3] += by - of_template;
             }
-        }
+            matrix.as_flattened().iter().all(|v| v.is_finite()).then_some(matrix)
+        };
+        let Some(matrices) = outcome.changed.iter().map(shifted).collect::<Option<Vec<_>>>() else {
+            return Err(EditReason::value(format!("{rgb:?} is too large for the colour matrices of these instances")));
+        };
+        outcome.changed.iter().zip(matrices).for_each(|(&k, matrix)| scene.color_from_template[k] = matrix);
     }
     let mut members_of_run: BTreeMap<(u32, Option<u32>), Vec<usize>> = BTreeMap::new();
     for &k in &outcome.changed {

@@ -366,6 +366,10 @@ fn recolouring_shifts_what_is_seen() {
         assert!(shift.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-5), "{i}: {shift:?}");
     }
     // A whole group: its template has the colour too, so that copies made later have it.
+    let mixed = [[0.2, 0.5, 0.0, 0.1], [-0.3, 0.4, 0.1, 0.1], [0.0, 0.7, 0.2, 0.1]];
+    before.color_from_template[2] = mixed;
+    before.color_from_template[3] = mixed.map(|row| row.map(|v| 1.5 * v));
+    before.color_from_template[4] = SAME_COLOR;
     let mut after = before.clone();
     run(&mut after, Edit::Recolour { which: which("template:0"), rgb: [0.5, 0.0, -0.25] });
     assert_ne!(after.templates.sh, before.templates.sh);
@@ -380,6 +384,13 @@ fn recolouring_shifts_what_is_seen() {
     let first = |scene: &InstancedScene| scene.templates.sh[0].map(|v| SH_C0 as f32 * v);
     let (was, is) = (first(&before), first(&after));
     assert!((0..3).all(|c| (is[c] - was[c] - [0.5, 0.0, -0.25][c]).abs() < 1e-5), "{was:?} {is:?}");
+    // What would not be finite is refused, and nothing changes.
+    before.color_from_template[2][0][0] = 3e38;
+    let mut after = before.clone();
+    assert!(
+        apply(&mut after, &Edit::Recolour { which: which("template:0"), rgb: [1e6, 0.0, 0.0] }).is_err()
+            && after == before
+    );
 }
 
 #[test]

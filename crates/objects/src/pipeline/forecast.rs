@@ -14,7 +14,7 @@ use instgs_train::config::{Init, Method};
 use instgs_train::facts::MemoryUse;
 use instgs_train::given::given_cloud;
 use instgs_train::memory::planned_uses;
-use instgs_train::{most_at_first, no_training_views, read_dataset, unused_masks};
+use instgs_train::{first_count, no_training_views, read_dataset, unused_masks};
 use instgs_vk::scene::PosedGroup;
 
 /// What a run would use; see [`forecast`].
@@ -139,20 +139,30 @@ pub fn forecast(job: &PipelineJob, heap_bytes: u64) -> Result<Forecast, Pipeline
     })
 }
 
-/// What the run starts from; tells what it would say of a scene.
+/// What the run starts from; tells what it would say of that.
 fn start(job: &PipelineJob, notes: &mut Vec<String>) -> Result<StartForecast, IoError> {
     let config = &job.config.train;
+    let mut kept = |count: usize| {
+        let (kept, warning) = first_count(count, config);
+        notes.extend(warning);
+        kept
+    };
     Ok(match (&config.init_scene, config.init) {
         (Some(scene), _) if !scene.is_file() && !scene.is_dir() => {
             return Err(IoError::new(scene, "does not exist").advise("--init takes a scene file"));
         }
         (Some(scene), _) => {
-            notes.extend(given_cloud(scene, config)?.warnings);
+            let given = given_cloud(scene, config)?;
+            // Objects are found in a given cloud as it is.
+            if config.method == Method::Gaussians {
+                kept(given.cloud.len());
+            }
+            notes.extend(given.warnings);
             StartForecast::Scene(scene.clone())
         }
-        (None, Init::Random) => StartForecast::Random(config.init_count),
+        (None, Init::Random) => StartForecast::Random(kept(config.init_count as usize) as u32),
         (None, Init::Points) => match read_points(&job.data)? {
-            Some(loaded) => StartForecast::Points(loaded.points.positions.len().min(most_at_first(config))),
+            Some(loaded) => StartForecast::Points(kept(loaded.points.positions.len())),
             None => {
                 let error = IoError::new(&job.data, "has no point cloud to start from");
                 return Err(error.advise(instgs_io::point_cloud::advice_without_points(&job.data)));
