@@ -53,6 +53,7 @@ impl RepeatedBytes {
 mod tests {
     use super::*;
     use crate::math::similarity::Similarity;
+    use crate::scene::removable::HIDDEN_LOGIT;
     use crate::scene::{Gaussians, Instance, Offsets, SourceRange};
 
     /// The analytic bound, 248 K N bytes against 124 N + 14 K N, plus the instances.
@@ -61,24 +62,32 @@ mod tests {
         let (k, n) = (3u32, 5u32);
         let mut templates = Gaussians::with_capacity(3, n as usize);
         templates.means = vec![[0.0; 3]; n as usize];
+        templates.opacity_logits = vec![0.0; n as usize];
         let instance =
             |i| Instance { template: 0, world_from_template: Similarity::IDENTITY, first_offset: Some(i * n) };
         let scene = InstancedScene {
             templates,
             template_ranges: vec![SourceRange { first: 0, count: n }],
             instances: (0..k).map(instance).collect(),
-            offsets: Offsets { means: vec![[0.0; 3]; (k * n) as usize], ..Offsets::default() },
+            offsets: Offsets {
+                means: vec![[0.0; 3]; (k * n) as usize],
+                opacity_logits: vec![0.0; (k * n) as usize],
+                ..Offsets::default()
+            },
             background: Gaussians { means: vec![[0.0; 3]; 11], ..Gaussians::default() },
             ..InstancedScene::default()
         };
         let records = (k * n) as usize;
         let ablations = Offsets {
             means: vec![[0.0; 3]; records],
+            opacity_logits: vec![0.0; records],
             sh_rest: vec![[0.0; 3]; 15 * records],
             log_scales: vec![[0.0; 3]; records],
             quats: vec![[0.0; 4]; records],
             ..Offsets::default()
         };
+        let mut hiding = scene.clone();
+        hiding.offsets.opacity_logits[4] = HIDDEN_LOGIT;
         let with_all = InstancedScene { offsets: ablations, ..scene.clone() };
         let (k, n) = (u64::from(k), u64::from(n));
         let bytes = RepeatedBytes::of(&scene);
@@ -86,6 +95,8 @@ mod tests {
         assert_eq!(bytes.f32, 236 * n + 28 * k * n + 56 * k);
         assert_eq!(bytes.f16, 124 * n + 14 * k * n + 56 * k);
         assert_eq!(bytes.q8, 124 * n + 7 * k * n + 56 * k);
+        // What an instance hides would be in no .ply.
+        assert_eq!(RepeatedBytes::of(&hiding), RepeatedBytes { ply: 248 * (k * n - 1), ..bytes });
         let more = RepeatedBytes::of(&with_all);
         assert_eq!(more.ply, bytes.ply);
         assert_eq!(more.f32, bytes.f32 + (180 + 28) * k * n);
