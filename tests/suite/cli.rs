@@ -438,8 +438,8 @@ fn inspect_explains_every_byte() {
     assert_eq!((&group["instances_with_offsets"], &group["expanded"]), (&Value::from(2), &Value::from(12)));
     // SH 0 in f32: rows of 56 bytes, 6 offset records of 28, 4 instances of 56, a range of 8.
     assert_eq!(group["stored_bytes"], 3 * 56 + 6 * 28 + 4 * 56 + 8);
-    // Three Gaussians of 14 numbers, in halves but for the mean, and four records of 7 halves for each.
-    assert_eq!(group["bound_bytes"]["f16"], 3 * (34 + 4 * 14));
+    // Three Gaussians of 14 numbers, in halves but for the mean, and the six records that there are, of 7 halves.
+    assert_eq!(group["bound_bytes"]["f16"], 3 * 34 + 6 * 14);
     let text = stdout_of(program().arg("inspect").arg(at("scene.instgs")));
     assert!(text.contains("offset.means") && text.contains("chair"), "{text}");
 }

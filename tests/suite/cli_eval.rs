@@ -132,7 +132,8 @@ fn photos_and_masks_are_not_written_over() {
     }
     // Masks of pixels may be anywhere.
     fs::create_dir(at.join("counts")).unwrap();
-    image::GrayImage::from_pixel(SIZE.0, SIZE.1, image::Luma([255])).save(at.join("counts/v0.png")).unwrap();
+    let all_count = image::GrayImage::from_pixel(SIZE.0, SIZE.1, image::Luma([255]));
+    (0..VIEWS).for_each(|i| all_count.save(at.join(format!("counts/v{i}.png"))).unwrap());
     let mask = fs::read(at.join("counts/v0.png")).unwrap();
     let mut masked = eval(&at, "shifted.ply", &["--pixel-masks"]);
     let text = error_of(masked.arg(at.join("counts")).arg("--out").arg(at.join("counts")));
