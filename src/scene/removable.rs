@@ -9,8 +9,8 @@ use crate::scene::instanced_scene::{Instance, InstancedScene, SourceRange};
 pub const HIDDEN_LOGIT: f32 = -12.0;
 
 impl InstancedScene {
-    /// True if an instance hides a template's Gaussian by an offset record, as pruning leaves it, so that it is never drawn. Indices are those into
-    /// the templates' Gaussians and into the offset records.
+    /// True if an instance hides a template's Gaussian by an offset record, as pruning leaves it, so that it is never drawn.
+    /// `gaussian` is an index into the templates' Gaussians, `record` one into the offset records.
     pub fn is_hidden(&self, gaussian: usize, record: usize) -> bool {
         // Packing rounds.
         self.templates.opacity_logits[gaussian] + self.offsets.opacity_logits[record] <= HIDDEN_LOGIT + 0.1
@@ -25,7 +25,9 @@ impl InstancedScene {
     /// Number of expanded Gaussians that instance `k` hides: they are stored, but never drawn.
     pub fn hidden_in(&self, k: usize) -> u64 {
         let instance = &self.instances[k];
-        let Some(_) = instance.first_offset else { return 0 };
+        if instance.first_offset.is_none() {
+            return 0;
+        }
         let count = self.template_ranges[instance.template as usize].count;
         (0..count).filter(|&local| self.hides(instance, local)).count() as u64
     }
@@ -73,7 +75,7 @@ impl Removable {
 /// A scene from which parts were removed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Removed {
-    /// What is left.
+    /// The scene without them. A template's Gaussian that no instance shows any more is no longer stored.
     pub scene: InstancedScene,
     /// By how many expanded Gaussians fewer are drawn.
     pub fewer: usize,

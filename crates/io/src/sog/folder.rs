@@ -24,8 +24,7 @@ const ENDING: &str = ".sog";
 /// the sums of its `.sog` files, to whose bytes those of the scene graph are added.
 ///
 /// # Errors
-/// A value that is not finite, more than 65,535 instances, or a file that cannot be
-/// written.
+/// A value that is not finite, more than 65,535 instances, or a file that cannot be written.
 pub fn write_sog_folder(folder: &Path, scene: &InstancedScene) -> Result<WrittenSog, IoError> {
     scene
         .validate()
@@ -77,8 +76,8 @@ fn stale_files(folder: &Path, kept: &HashSet<&str>) -> Vec<PathBuf> {
     stale.filter(|file| is_own(file)).collect()
 }
 
-/// The instances of each template that has any and is not empty, as pruning may leave it: those show nothing. Their ids are those of the masks, if all have one and no two the same; otherwise
-/// they are numbered from 1.
+/// The instances of each template that has any and is not empty, as pruning may leave it: those show nothing. Their ids are those
+/// of the masks, if all have one and no two the same; otherwise they are numbered from 1.
 fn placed(scene: &InstancedScene) -> Vec<PosedGroup> {
     let labels = scene.instance_labels();
     let ids: HashSet<u32> = labels.iter().filter_map(|label| label.id).collect();

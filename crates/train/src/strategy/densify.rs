@@ -1,8 +1,7 @@
 //! INRIA's densification: clones and splits where gradients are large, prunes useless Gaussians, resets opacities. In
 //! scenes with templates the statistics are sums over instances, a copy inherits the offsets of its origin in every
 //! instance, children divide what each instance shows of their parent, and a Gaussian is too transparent only if it is so in
-//! all of them. What only some instances call for they get as
-//! Gaussians of their own (`own.rs`).
+//! all of them. What only some instances call for they get as Gaussians of their own (`own.rs`).
 
 use std::collections::BTreeMap;
 
@@ -22,7 +21,7 @@ use instgs_vk::scene::source_layout::MovedRun;
 use instgs_vk::scene::{Parameter, SourceLayout};
 
 use super::recycle::Recycling;
-use super::tools::{Moves, Tools};
+use super::tools::{Moves, Tools, bits};
 use super::{DensifyOutcome, logit, own, seed_words};
 
 /// Opacity below which a decay lowers none: such a Gaussian shows nothing, and its logit must stay finite.
@@ -363,8 +362,7 @@ fn split_offsets(
     limits: &Limits,
 ) -> Result<(), GpuError> {
     let traits = state.scene.traits(0);
-    let kinds = [traits.offset_log_scales, traits.offset_quats, limits.means_have_offsets];
-    let kinds = kinds.iter().enumerate().map(|(bit, &has)| u32::from(has) << bit).sum();
+    let kinds = bits([traits.offset_log_scales, traits.offset_quats, limits.means_have_offsets]);
     let parameters = &mut state.scene.parameters;
     for run in runs {
         let range = after.template_ranges[run.template as usize];

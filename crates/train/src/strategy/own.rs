@@ -10,7 +10,7 @@ use instgs_vk::render::source_windows::SourceWindow;
 use instgs_vk::scene::{Parameter, SourceLayout};
 
 use super::densify::{Fates, Limits};
-use super::tools::{Moves, Tools};
+use super::tools::{Moves, Tools, bits};
 use crate::device_state::DeviceState;
 
 /// Which instances call for growth alone.
@@ -168,8 +168,7 @@ impl Needs {
         inserted: &[Inserted],
     ) -> Result<(), GpuError> {
         let traits = state.scene.traits(0);
-        let kinds = [traits.offset_log_scales, traits.offset_quats];
-        let kinds = kinds.iter().enumerate().map(|(bit, &has)| u32::from(has) << bit).sum();
+        let kinds = bits([traits.offset_log_scales, traits.offset_quats]);
         let colored = state.scene.has(Parameter::ColorFromTemplate);
         let windows: Vec<SourceWindow> = state.scene.windows.iter().collect();
         for (own, window) in inserted.iter().flat_map(|own| windows.iter().map(move |window| (own, window))) {

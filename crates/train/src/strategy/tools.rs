@@ -23,6 +23,11 @@ pub(super) struct Tools {
     pub(super) recorder: Recorder,
 }
 
+/// Flags of a push constant: the first is bit 0.
+pub(super) fn bits<const N: usize>(flags: [bool; N]) -> u32 {
+    flags.iter().enumerate().map(|(bit, &flag)| u32::from(flag) << bit).sum()
+}
+
 /// The origins of new Gaussians, or of new offset records.
 pub(super) struct Moves {
     /// Index of the old Gaussian, for each new one.
