@@ -16,10 +16,10 @@ pub struct Offsets {
     /// Added to SH coefficients 1.., record by record: 3 x RGB for degree 1, 8 for 2, 15 for 3, of a degree up to the
     /// templates'; empty without such offsets, as is usual: all instances share them.
     pub sh_rest: Vec<[f32; 3]>,
-    /// Added to the log standard deviations; empty without such offsets. Only for ablations.
+    /// Added to the log standard deviations; empty without such offsets.
     pub log_scales: Vec<[f32; 3]>,
-    /// Added to the quaternions as stored (w, x, y, z), before the sum is normalised; empty without such offsets. Only
-    /// for ablations.
+    /// Added to the quaternions as stored (w, x, y, z), before the sum is normalised; empty without such
+    /// offsets.
     pub quats: Vec<[f32; 4]>,
 }
 
@@ -113,7 +113,7 @@ impl Offsets {
         self.arrays_mut().into_iter().zip(other.record(m)).for_each(|((_, array), row)| array.extend_flat(row));
     }
 
-    /// Size of the offsets as f32 tensors, bytes: 28 per record without ablation offsets.
+    /// Size of the offsets as f32 tensors, bytes: 28 per record without those of shape and of SH above band 0.
     pub fn tensor_bytes(&self) -> u64 {
         let width = |(parameter, array): (Parameter, &dyn FloatArray)| {
             self.rows_per_record(parameter, array) * parameter.width()

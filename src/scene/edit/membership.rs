@@ -95,7 +95,7 @@ pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) 
     let mut outcome = EditOutcome::default();
     let chosen = which.resolve(scene)?;
     outcome.changed = chosen.into_iter().filter(|&k| scene.instances[k].template != template).collect();
-    let (mut freed, mut own_dropped) = (Vec::new(), 0);
+    let (mut freed, mut own_dropped, mut matrices_dropped) = (Vec::new(), 0, 0);
     for &k in &outcome.changed {
         let old = scene.instances[k].clone();
         let rank = rank_of(scene, k);
@@ -103,6 +103,7 @@ pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) 
         scene.instances[k] = Instance { template, first_offset: None, ..old };
         // Like offsets, a matrix is fitted to its template.
         if let Some(matrix) = scene.color_from_template.get_mut(k) {
+            matrices_dropped += usize::from(*matrix != SAME_COLOR);
             *matrix = SAME_COLOR;
         }
         if let Some(range) = scene.own_ranges.get_mut(k) {
@@ -115,12 +116,9 @@ pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) 
         }
         freed.extend(run_of(scene, &old));
     }
-    if !freed.is_empty() {
-        let count = freed.len();
-        outcome.warnings.push(format!("the offsets of {count} instances were dropped: they are for another template"));
-    }
-    if own_dropped > 0 {
-        let text = format!("the own Gaussians of {own_dropped} instances were dropped: they are for another template");
+    let dropped = [("offsets", freed.len()), ("colour matrices", matrices_dropped), ("own Gaussians", own_dropped)];
+    for (what, count) in dropped.into_iter().filter(|&(_, count)| count > 0) {
+        let text = format!("the {what} of {count} instances were dropped: they are for another template");
         outcome.warnings.push(text);
     }
     release(scene, &freed, &mut outcome);

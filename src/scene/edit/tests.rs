@@ -413,10 +413,14 @@ fn deleting_frees_offsets_that_nobody_shares() {
 
 #[test]
 fn swapping_keeps_the_place_and_drops_offsets() {
-    let before = scene();
+    let mut before = scene();
+    before.color_from_template = vec![SAME_COLOR; 5];
+    before.color_from_template[0][1][3] = 0.1;
     let mut after = before.clone();
     let outcome = run(&mut after, Edit::Swap { which: which("id:4"), template: 1 });
-    assert_eq!((outcome.changed, outcome.warnings.len(), after.offsets.len()), (vec![0], 1, 5));
+    assert_eq!((outcome.changed, after.offsets.len(), &after.color_from_template), (vec![0], 5, &vec![SAME_COLOR; 5]));
+    let dropped = |what| format!("the {what} of 1 instances were dropped: they are for another template");
+    assert_eq!(outcome.warnings, ["offsets", "colour matrices"].map(dropped));
     assert_eq!((ids(&after), after.groups[1].instance_ids.clone()), (ids(&before), vec![4, 5]));
     assert_eq!(after.instances[0].world_from_template, before.instances[0].world_from_template);
     assert_eq!(looks(&after)[1..], looks(&before)[1..]);
