@@ -47,15 +47,35 @@ pub(super) fn ratio(a: u64, b: u64) -> f64 {
     if b == 0 { 0.0 } else { a as f64 / b as f64 }
 }
 
-/// Bytes of one template of `gaussians`, of the offset `records` of its instances, one per Gaussian where none are shared, and of
-/// the `own` Gaussians of instances. A Gaussian is position, rotation, log scales, opacity and C coefficients of SH in 3 colours:
-/// V = 11 + 3 C numbers of 4 bytes. Half floats take 2 bytes each, but positions keep 4: 2 V + 6. An offset record is 7 numbers of
-/// 4, 2 or 1 bytes. For SH 3, N Gaussians and K instances with offsets of their own the bounds are 236 N + 28 K N, 124 N + 14 K N,
-/// and 124 N + 7 K N, compared with 4 (V + 3) K N = 248 K N with the normals of a .ply.
-fn bound_bytes(gaussians: u64, records: u64, own: u64, sh_degree: u32) -> ByPack<u64> {
-    let values = 11 + 3 * sh_coefficients(sh_degree) as u64;
-    let of = |row: u64, record: u64| (gaussians + own) * row + records * record;
-    ByPack { f32: of(4 * values, 28), f16: of(2 * values + 6, 14), q8: of(2 * values + 6, 7) }
+/// What the least bytes of a group follow from.
+struct GroupSize {
+    /// Gaussians of the template.
+    gaussians: u64,
+    /// Offset records of its instances: one per Gaussian and instance where none are shared.
+    records: u64,
+    /// Numbers of a record besides position, base colour and opacity: of shape, and of SH above band 0.
+    more_values: u64,
+    /// Gaussians that instances have of their own.
+    own: u64,
+    /// SH degree of template and own Gaussians.
+    sh_degree: u32,
+}
+
+impl GroupSize {
+    /// A Gaussian is position, rotation, log scales, opacity and C coefficients of SH in 3 colours: V = 11 + 3 C numbers of 4 bytes.
+    /// Half floats take 2 bytes each, but positions keep 4: 2 V + 6. An offset record is 7 numbers of 4, 2 or 1 bytes, and
+    /// `more_values` of 4 or 2. For SH 3, N Gaussians and K instances with offsets of these 7 the bounds are 236 N + 28 K N, 124 N + 14
+    /// K N, and 124 N + 7 K N, compared with 4 (V + 3) K N = 248 K N with the normals of a .ply.
+    fn bound_bytes(&self) -> ByPack<u64> {
+        let values = 11 + 3 * sh_coefficients(self.sh_degree) as u64;
+        let of = |row: u64, record: u64| (self.gaussians + self.own) * row + self.records * record;
+        let more = self.more_values;
+        ByPack {
+            f32: of(4 * values, 28 + 4 * more),
+            f16: of(2 * values + 6, 14 + 2 * more),
+            q8: of(2 * values + 6, 7 + 2 * more),
+        }
+    }
 }
 
 /// One report for each template of the scene; `parts` are those of its file.
@@ -102,7 +122,10 @@ fn group(
     });
     let expanded = gaussians * instances + expanded_own;
     let flattened_ply_bytes = (expanded - hidden) * ply::row_bytes(scene.sh_degree());
-    let bound_bytes = bound_bytes(gaussians, records, own, scene.templates.sh_degree);
+    let offsets = &scene.offsets;
+    let more_values = (offsets.tensor_bytes() / 4).checked_div(offsets.len() as u64).map_or(0, |values| values - 7);
+    let bound_bytes =
+        GroupSize { gaussians, records, more_values, own, sh_degree: scene.templates.sh_degree }.bound_bytes();
     let times = |bytes| ratio(flattened_ply_bytes, bytes);
     GroupReport {
         template,
@@ -165,18 +188,19 @@ mod tests {
     use instgs_io::scene_write::packed_scene_file_bytes;
     use instgs_samples::{sample_scene, with_ablations, with_own};
 
-    /// For K = 8 instances the reduction is at most 8.4 and 11.0 (q8), for K = 64 15.6 (q8).
+    /// For K = 8 instances the reduction is at most 8.4 and 11.0 (q8), for K = 64 15.6 (f16).
     #[test]
     fn bounds_are_those_of_the_design() {
         assert_eq!(ply::row_bytes(3), 248);
-        assert_eq!(
-            bound_bytes(10, 40, 0, 3),
-            ByPack { f32: 10 * (236 + 112), f16: 10 * (124 + 56), q8: 10 * (124 + 28) }
-        );
+        let of = |gaussians, records, more_values| {
+            GroupSize { gaussians, records, more_values, own: 0, sh_degree: 3 }.bound_bytes()
+        };
+        assert_eq!(of(10, 40, 0), ByPack { f32: 10 * (236 + 112), f16: 10 * (124 + 56), q8: 10 * (124 + 28) });
+        assert_eq!(of(10, 40, 7), ByPack { f32: 10 * (236 + 224), f16: 10 * (124 + 112), q8: 10 * (124 + 84) });
         let shrink = |k: u64, bound: u64| ratio(248 * k, bound);
         let near = |a: f64, b: f64| (a - b).abs() < 0.05;
-        assert!(near(shrink(8, bound_bytes(1, 8, 0, 3).f16), 8.4) && near(shrink(8, bound_bytes(1, 8, 0, 3).q8), 11.0));
-        assert!(near(shrink(64, bound_bytes(1, 64, 0, 3).f16), 15.6));
+        assert!(near(shrink(8, of(1, 8, 0).f16), 8.4) && near(shrink(8, of(1, 8, 0).q8), 11.0));
+        assert!(near(shrink(64, of(1, 64, 0).f16), 15.6));
     }
 
     #[test]
@@ -187,10 +211,13 @@ mod tests {
                 let bytes = packed_scene_file_bytes(&scene, pack, path)?;
                 let parts = tensor_parts(&bytes, path)?;
                 let sums = FileSums::of(&parts);
-                // No file has less than the bound; offsets of shape and of SH above 0 come on top.
-                if pack == Pack::F32 {
-                    let all = groups(&scene, &parts);
-                    assert!(all.iter().all(|g| g.stored_bytes.is_none_or(|stored| stored >= g.bound_bytes.f32)));
+                // Poses, colour matrices and ranges come on top of the bound.
+                let bound = |group: &GroupReport| match pack {
+                    Pack::F32 => group.bound_bytes.f32 + scene.instance_bytes() * group.instances + RANGE_BYTES,
+                    _ => group.bound_bytes.f16 + scene.instance_bytes() * group.instances + RANGE_BYTES,
+                };
+                if pack != Pack::Q8 {
+                    assert!(groups(&scene, &parts).iter().all(|g| g.stored_bytes == Some(bound(g))), "{pack:?}");
                 }
                 let stored: u64 = groups(&scene, &parts).iter().filter_map(|g| g.stored_bytes).sum();
                 assert_eq!(stored + sums.background + sums.header + sums.foreign, bytes.len() as u64, "{pack:?}");
