@@ -18,14 +18,20 @@ const MOMENTS: &str = "Adam's moments";
 const SLOTS: &str = "projected Gaussians and their gradients";
 const PIXELS: &str = "picture, loss and its windows";
 const PICTURES: &str = "training pictures";
+const EXPOSURES: &str = "exposures";
 /// f32 values of a Gaussian besides its SH coefficients: centre, quaternion, log scales, opacity logit.
 const VALUES_WITHOUT_SH: u64 = 3 + 4 + 3 + 1;
 /// Bytes of the statistics of densification for each Gaussian.
 const STATISTICS_BYTES: u64 = 12;
 /// Bytes of a slot: those of [`per_slot_bytes`], and the gradient of its source.
 const SLOT_BYTES: u64 = 176;
+/// Bytes of a slot more where instances have colour matrices: what their gradients are made of.
+const COLOR_TERMS_BYTES: u64 = size_of::<types::ColorTerms>() as u64;
 /// Bytes of a pixel of the picture that is compared: colours, depths, cotangents and the windows of SSIM.
 const PIXEL_BYTES: u64 = 160;
+/// Bytes of a pixel of the picture with a photo's exposure, and of a photo's exposure with its moments.
+const EXPOSED_PIXEL_BYTES: u64 = 16;
+const EXPOSURE_BYTES: u64 = 144;
 
 /// Device memory that training pictures may take, bytes, on a device with `heap_bytes`.
 pub fn picture_budget(config: &TrainConfig, heap_bytes: u64) -> u64 {
@@ -36,22 +42,26 @@ pub fn picture_budget(config: &TrainConfig, heap_bytes: u64) -> u64 {
     }
 }
 
-/// The uses of device memory that are known before a run: those of `max_gaussians` Gaussians and of the training pictures,
-/// whose sizes are `pictures_px`. The (splat, tile) pairs, which depend on the views, and small buffers come on top. In a
-/// run, `heap_bytes` is the memory of the device.
+/// The uses of device memory that are known before a run: those of as many Gaussians as it may draw and of the training pictures,
+/// whose sizes are `pictures_px`. In the joint phase this is an upper bound, as the offsets of an instance's Gaussian take less than a
+/// Gaussian; only scenes that are merged above their bound need more, until they have come down to it. The (splat, tile) pairs, which
+/// depend on the views, and small buffers come on top. In a run, `heap_bytes` is the memory of the device.
 pub fn planned_uses(config: &TrainConfig, pictures_px: &[[u32; 2]], heap_bytes: u64) -> Vec<MemoryUse> {
-    let gaussians = u64::from(config.max_gaussians);
+    let instanced = config.method == Method::Instanced;
+    let expanded = if instanced { config.joint.max_expanded.max(1.0) } else { 1.0 };
+    let gaussians = (f64::from(config.max_gaussians) * expanded) as u64;
     let values = VALUES_WITHOUT_SH + 3 * sh_coefficients(config.sh_degree) as u64;
-    let may_expand = config.method == Method::Instanced && config.joint.grow_fraction > 0.0;
-    let expanded = if may_expand { config.joint.max_expanded.max(1.0) } else { 1.0 };
-    let areas = pictures_px.iter().map(|[width, height]| u64::from(*width) * u64::from(*height));
-    let bytes_of_all = 4 * areas.clone().sum::<u64>();
+    let color_terms = if instanced && config.joint.color_matrix_rate > 0.0 { COLOR_TERMS_BYTES } else { 0 };
+    // Buffers are as wide as the widest picture and as high as the highest.
+    let [widest, highest] = [0, 1].map(|axis| pictures_px.iter().map(|size| u64::from(size[axis])).max().unwrap_or(0));
+    let bytes_of_all =
+        4 * pictures_px.iter().map(|[width, height]| u64::from(*width) * u64::from(*height)).sum::<u64>();
     let uses = [
         (PARAMETERS, "Gaussian", gaussians, 4 * values),
         (GRADIENTS, "Gaussian", gaussians, 4 * values + STATISTICS_BYTES),
         (MOMENTS, "Gaussian", gaussians, 8 * values),
-        (SLOTS, "Gaussian", (gaussians as f64 * expanded) as u64, SLOT_BYTES),
-        (PIXELS, "pixel", areas.max().unwrap_or(0), PIXEL_BYTES),
+        (SLOTS, "Gaussian", gaussians, SLOT_BYTES + color_terms),
+        (PIXELS, "pixel", widest * highest, PIXEL_BYTES),
     ];
     let of = |(name, per, count, each): (&str, &str, u64, u64)| MemoryUse {
         name: name.into(),
@@ -64,7 +74,12 @@ pub fn planned_uses(config: &TrainConfig, pictures_px: &[[u32; 2]], heap_bytes: 
     let bytes = bytes_of_all.min(picture_budget(config, heap_bytes));
     let each = bytes_of_all as f64 / pictures.max(1) as f64;
     let pictures = MemoryUse { name: PICTURES.into(), bytes, per: "picture".into(), count: pictures, bytes_each: each };
-    uses.into_iter().map(of).chain([pictures]).collect()
+    let exposures = (config.exposure.rate > 0.0).then(|| {
+        let bytes = EXPOSED_PIXEL_BYTES * widest * highest + EXPOSURE_BYTES * pictures.count;
+        let each = bytes as f64 / pictures.count.max(1) as f64;
+        MemoryUse { name: EXPOSURES.into(), bytes, per: "picture".into(), count: pictures.count, bytes_each: each }
+    });
+    uses.into_iter().map(of).chain(exposures).chain([pictures]).collect()
 }
 
 /// Bytes of a slot of a frame in training, which has the range of its emissions too.
@@ -88,7 +103,11 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
         push(
             SLOTS,
             "Gaussian",
-            slots * per_slot_bytes() + backward.shape_gradients.bytes() + backward.look_gradients.bytes(),
+            slots * per_slot_bytes()
+                + backward.shape_gradients.bytes()
+                + backward.look_gradients.bytes()
+                + backward.color_terms.bytes()
+                + backward.pose_sums.bytes(),
             slots,
         );
         let intersections = u64::from(frame.plan.capacities.intersections);
@@ -107,7 +126,7 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
         push(PIXELS, "pixel", frame.colors.bytes() + frame.depths.bytes() + loss, pixels);
     }
     if let Some(exposures) = &state.exposures {
-        push("exposures", "picture", exposures.bytes(), exposures.views() as u64);
+        push(EXPOSURES, "picture", exposures.bytes(), exposures.views() as u64);
     }
     push(PICTURES, "picture", views.bytes(), views.resident() as u64);
     out
@@ -164,6 +183,22 @@ impl Needs {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::{ConfigBuilder, ConfigError};
+
+    #[test]
+    fn plans_are_for_all_that_may_be_drawn_and_for_pictures_of_every_shape() -> Result<(), ConfigError> {
+        let planned = |sets: &[&str]| {
+            let start = ConfigBuilder::new().set("max_gaussians=1000")?;
+            let config = sets.iter().try_fold(start, |builder, set| builder.set(set))?.finish()?;
+            let uses = planned_uses(&config, &[[40, 30], [30, 40]], 1 << 30);
+            let of = |name| uses.iter().find(|u| u.name == name).map(|u| (u.count, u.bytes_each));
+            Ok::<_, ConfigError>([PARAMETERS, SLOTS, PIXELS, EXPOSURES].map(|name| of(name).unwrap_or_default()))
+        };
+        assert_eq!(planned(&[])?, [(1000, 236.0), (1000, 176.0), (1600, 160.0), (0, 0.0)]);
+        let more = ["method=instgs", "joint.max_expanded=1.5", "joint.color_matrix_rate=1e-3", "exposure.rate=1e-3"];
+        assert_eq!(planned(&more)?, [(1500, 236.0), (1500, 200.0), (1600, 160.0), (2, 12_944.0)]);
+        Ok(())
+    }
 
     #[test]
     fn what_fits_depends_on_what_takes_the_memory() {

@@ -175,21 +175,8 @@ pub fn train(
     let memory_explained = run.memory_uses();
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
-    let mut scene = run.with_room(done, |run| Ok(run.state.download(gpu)?))?;
-    files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
-    (scene.pixel_filter, scene.near_plane) = (job.config.pixel_filter(), job.config.near_plane());
-    scene.source = format!("instgs-vk train, {done} steps");
-    let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
-    let file_bytes = write_scene(job, &scene, pruned, done)?;
-    write_training_cameras(&job.folder(), &data.train, &job.config)?;
-    if let Some(learned) = &run.state.exposures {
-        exposures::save(gpu, learned, &data.train, &job.folder())?;
-    }
+    let Saved { scene, dropped_non_finite, pruned, file_bytes } = run.save(gpu, &mut sink, &data.train, done)?;
     stages.push(StageTime::since("save", save));
-    if dropped_non_finite > 0 {
-        let what = format!("dropped {dropped_non_finite} Gaussians with a non-finite parameter");
-        sink.observer.notify(TrainMessage::Warning(&what))?;
-    }
 
     let interrupted = done < job.config.steps;
     let gaussians = run.state.source_count() as u64;
@@ -235,6 +222,18 @@ pub fn train(
         write_json(&job.folder().facts(), &facts)?;
     }
     Ok(Trained { scene, dropped_non_finite, pruned, interrupted, facts })
+}
+
+/// What a run has written at its end.
+struct Saved {
+    /// The trained scene.
+    scene: InstancedScene,
+    /// Gaussians left out because a parameter is not finite.
+    dropped_non_finite: usize,
+    /// Gaussians left out because they are transparent in every instance.
+    pruned: usize,
+    /// Bytes of the scene's file.
+    file_bytes: u64,
 }
 
 /// The text of `config.toml`.
@@ -305,6 +304,32 @@ impl<'a> Run<'a> {
             used_before: Vec::new(),
             files,
         })
+    }
+
+    /// Writes the scene after `done` steps, the cameras of the training views and their exposures.
+    fn save(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        sink: &mut LogAndObserver<'_>,
+        training_views: &[View],
+        done: u64,
+    ) -> Result<Saved, TrainError> {
+        let job = self.job;
+        let mut scene = self.with_room(done, |run| Ok(run.state.download(gpu)?))?;
+        self.files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
+        (scene.pixel_filter, scene.near_plane) = (job.config.pixel_filter(), job.config.near_plane());
+        scene.source = format!("instgs-vk train, {done} steps");
+        let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
+        let file_bytes = write_scene(job, &scene, pruned, done)?;
+        write_training_cameras(&job.folder(), training_views, &job.config)?;
+        if let Some(learned) = &self.state.exposures {
+            exposures::save(gpu, learned, training_views, &job.folder())?;
+        }
+        if dropped_non_finite > 0 {
+            let what = format!("dropped {dropped_non_finite} Gaussians with a non-finite parameter");
+            sink.observer.notify(TrainMessage::Warning(&what))?;
+        }
+        Ok(Saved { scene, dropped_non_finite, pruned, file_bytes })
     }
 
     fn announce(&self, sink: &mut dyn EventSink, step: u64, data: &TrainData) -> Result<(), TrainError> {

@@ -32,7 +32,7 @@ pub struct Forecast {
     pub start: StartForecast,
     /// What is known of the objects; `None` for a plain cloud.
     pub objects: Option<ObjectForecast>,
-    /// Device memory that is known before, with `max_gaussians` Gaussians; see [`planned_uses`].
+    /// Device memory that is known before, with as many Gaussians as may be drawn; see [`planned_uses`].
     pub memory: Vec<MemoryUse>,
     /// Warnings for the user, one line each.
     pub notes: Vec<String>,

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::instance_cloud::InstanceCloud;
 use super::offsets::{LACKING_LOGIT, clamped_logit};
-use super::options::Doubles;
+use super::options::{Doubles, Halves};
 use super::template_cloud::TemplateCloud;
 use instgs_vk::math::covariance::{logit, rotation_from_quat, sigmoid};
 use instgs_vk::math::log_covariance::Shape;
@@ -16,12 +16,8 @@ use instgs_vk::scene::Gaussians;
 /// Number of nearest Gaussians of the instance that a template Gaussian may be matched to.
 const CANDIDATES: usize = 16;
 /// Cost of a difference in size: a Gaussian larger by the factor e in area counts as this many squared spacings farther
-/// away. Shapes have no offsets, so a match of the right size is better.
+/// away. The less an offset has to change, the fewer steps it takes, and shapes may have none.
 const AREA_WEIGHT: f64 = 3.0;
-/// Divisor of the longest axis of halves, as `densify.split_shrink` is by default.
-const HALF_SHRINK: f64 = 1.6;
-/// Opacity of halves, times that of the whole, as `densify.half_opacity` is by default.
-const HALF_OPACITY: f64 = 0.6;
 
 /// The instance's Gaussian that a template Gaussian is matched to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,9 +30,17 @@ pub(super) struct Match {
     cost: f64,
     /// Number of template Gaussians with the same match, at least 1.
     sharing: u32,
-    /// Of two with the same match, the half that this one stands for: 1 = the one ahead along the longest axis, -1 = the other. 0 if it
-    /// stands for all of it, or shares its opacity.
+    /// Of two with the same match, the half that this one stands for; `None` if it stands for all of it, or shares its opacity.
+    half: Option<Half>,
+}
+
+/// A half of a Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Half {
+    /// 1 = the one ahead along the longest axis, -1 = the other.
     side: f64,
+    /// What both are like.
+    like: Halves,
 }
 
 /// What a template Gaussian stands for in an instance, in the template's frame.
@@ -59,16 +63,15 @@ impl Match {
         let source = own.indices[self.own as usize] as usize;
         let (mean, shape) = (own.means[self.own as usize], own.template_from_world.shape(cloud, source));
         let alone = clamped_logit(cloud.opacity_logits[source]);
-        if self.side == 0.0 {
+        let Some(Half { side, like }) = self.half else {
             return Counterpart { mean, shape, opacity_logit: self.opacity_logit(alone) };
-        }
+        };
         let (k, axis) = longest_axis(&shape);
         let sigma = shape.log_scales[k].exp();
         let mut log_scales = shape.log_scales;
-        log_scales[k] -= HALF_SHRINK.ln();
-        // Then the two have the variance of the one along that axis.
-        let away = axis * (self.side * (1.0 - HALF_SHRINK.powi(-2)).sqrt() * sigma);
-        let opacity = HALF_OPACITY * sigmoid(f64::from(alone));
+        log_scales[k] -= like.shrink.ln();
+        let away = axis * (side * like.distance * sigma);
+        let opacity = like.opacity * sigmoid(f64::from(alone));
         Counterpart {
             mean: (widened(mean) + away).as_vec3().to_array(),
             shape: Shape { log_scales, ..shape },
@@ -130,14 +133,14 @@ pub(super) fn match_template(
         sharing[matched.own as usize] += 1;
     }
     matches.iter_mut().for_each(|matched| matched.sharing = sharing[matched.own as usize].max(1));
-    if doubles == Doubles::Halves {
-        take_sides(&mut matches, template, cloud, own);
+    if let Doubles::Halves(like) = doubles {
+        take_sides(&mut matches, template, cloud, own, like);
     }
     matches
 }
 
 /// Gives each of two template Gaussians with the same match its half: that on whose side it lies.
-fn take_sides(matches: &mut [Match], template: &TemplateCloud, cloud: &Gaussians, own: &InstanceCloud) {
+fn take_sides(matches: &mut [Match], template: &TemplateCloud, cloud: &Gaussians, own: &InstanceCloud, like: Halves) {
     let mut first_of: Vec<Option<usize>> = vec![None; own.len()];
     for i in 0..matches.len() {
         let j = matches[i].own as usize;
@@ -148,7 +151,7 @@ fn take_sides(matches: &mut [Match], template: &TemplateCloud, cloud: &Gaussians
         let (_, axis) = longest_axis(&own.template_from_world.shape(cloud, own.indices[j] as usize));
         let along = |i: usize| widened(template.gaussians.means[i]).dot(axis);
         let side = if along(i) > along(first) { 1.0 } else { -1.0 };
-        (matches[i].side, matches[first].side) = (side, -side);
+        (matches[i].half, matches[first].half) = (Some(Half { side, like }), Some(Half { side: -side, like }));
     }
 }
 
@@ -165,7 +168,7 @@ fn candidates(template: &TemplateCloud, cloud: &Gaussians, own: &InstanceCloud) 
         let matched = |n: Neighbour| {
             let larger = own_log_areas[n.index as usize] - template_log_area;
             let cost = n.squared_distance + weight * larger * larger;
-            Match { own: n.index, squared_distance: n.squared_distance, cost, sharing: 1, side: 0.0 }
+            Match { own: n.index, squared_distance: n.squared_distance, cost, sharing: 1, half: None }
         };
         let mut near: Vec<Match> = set.nearest(mean, CANDIDATES).into_iter().map(matched).collect();
         near.sort_by(|a, b| a.cost.total_cmp(&b.cost));

@@ -67,13 +67,37 @@ pub enum Unmatched {
 }
 
 /// What two template Gaussians begin as that stand for the same Gaussian of an instance.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Doubles {
     /// Its halves, as densification makes them: training then has two where two of the same would learn the same for long.
-    #[default]
-    Halves,
+    Halves(Halves),
     /// Both as it is, of a lower opacity: together they look exactly as it does.
     Alike,
+}
+
+/// What the halves of a Gaussian are like beside it; see `densify.growth`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Halves {
+    /// Divisor of the longest axis.
+    pub shrink: f64,
+    /// Distance of each from the centre, in standard deviations along that axis.
+    pub distance: f64,
+    /// Opacity of each, times that of the whole.
+    pub opacity: f64,
+}
+
+impl Default for Doubles {
+    fn default() -> Self {
+        Self::Halves(Halves::default())
+    }
+}
+
+impl Default for Halves {
+    /// As densification makes them by default.
+    fn default() -> Self {
+        let shrink: f64 = 1.6;
+        Self { shrink, distance: (1.0 - shrink.powi(-2)).sqrt(), opacity: 0.6 }
+    }
 }
 
 /// Parameters that have offsets.
@@ -88,7 +112,7 @@ pub struct OffsetKinds {
     /// SH coefficients above 0 up to this degree, or up to the template's; 0 = none. 36 bytes per record for degree 1, 96 for
     /// 2, 180 for 3.
     pub sh_degree: u32,
-    /// Log scales and quaternions. For ablations; 28 bytes per record.
+    /// Log scales and quaternions; 28 bytes per record.
     pub covariance: bool,
 }
 

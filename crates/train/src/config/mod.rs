@@ -257,6 +257,13 @@ impl DensifyConfig {
     pub fn children(&self) -> u32 {
         if self.growth == Growth::Halves { 2 } else { self.split_count }
     }
+
+    /// Distance of each half from the centre of the whole, in standard deviations along the longest axis: the two then have the
+    /// variance of the one along it.
+    #[must_use]
+    pub fn half_distance(&self) -> f64 {
+        (1.0 - self.split_shrink.powi(-2)).sqrt()
+    }
 }
 
 /// Opacity of a half beside that of the whole in reports without the key: there were no halves, and nothing lost opacity.

@@ -55,9 +55,7 @@ impl Limits {
     /// False for a full scene until recycling makes room: hardly anything would grow, and what the statistics say would be lost.
     /// Gaussians that are too faint wait as well.
     pub(super) fn has_room(&self, state: &DeviceState) -> bool {
-        // Growth ends where the next Gaussian does not fit, which may be one of the template with the most instances.
-        let of_one = u64::from(state.tables.most_instances.max(1)) * u64::from(self.mark.split_count - 1);
-        let is_full = state.layout.expanded_len() + of_one > u64::from(self.max_expanded);
+        let is_full = !next_fits(state, self.mark.split_count, self.max_expanded);
         !(is_full && self.recycles && self.recycling.is_none())
     }
 
@@ -92,8 +90,7 @@ impl Limits {
                 seed: seed_words(config.seed),
                 time: done as u32,
                 halves: u32::from(halves),
-                // Then the two have the variance of the one along that axis.
-                distance: (1.0 - densify.split_shrink.powi(-2)).sqrt() as f32,
+                distance: densify.half_distance() as f32,
                 opacity: if halves { densify.half_opacity as f32 } else { 1.0 },
             },
             means_have_offsets: config.offsets.position,
@@ -104,6 +101,13 @@ impl Limits {
             done,
         }
     }
+}
+
+/// True if any Gaussian may still be split into `children` without more than `most` expanded ones: growth ends where the next one does
+/// not fit, which may be one of the template with the most instances.
+pub(super) fn next_fits(state: &DeviceState, children: u32, most: u32) -> bool {
+    let of_one = u64::from(state.tables.most_instances.max(1)) * u64::from(children.saturating_sub(1));
+    state.layout.expanded_len() + of_one <= u64::from(most)
 }
 
 /// The fate of each old Gaussian, one entry each.
@@ -208,6 +212,47 @@ fn decide(
     Ok((fates, counters))
 }
 
+/// How every source Gaussian is used, one entry each: what kernel `source_use` writes.
+struct SourceUses {
+    uses: Buffer<u32>,
+    highest_logits: Buffer<f32>,
+    log_world_scales: Buffer<f32>,
+    felt: Buffer<f32>,
+}
+
+fn record_source_uses(tools: &mut Tools, state: &DeviceState) -> Result<SourceUses, GpuError> {
+    let parameters = &state.scene.parameters;
+    let count = state.source_count();
+    let mut out = SourceUses {
+        uses: Buffer::new(&tools.gpu, "uses", count)?,
+        highest_logits: Buffer::new(&tools.gpu, "highest_logits", count)?,
+        log_world_scales: Buffer::new(&tools.gpu, "log_world_scales", count)?,
+        felt: Buffer::new(&tools.gpu, "felt", count)?,
+    };
+    // A Gaussian of no template is used by no instance, and shown by none.
+    tools.recorder.fill(&mut out.uses, 0)?;
+    tools.recorder.fill(&mut out.highest_logits, f32::MIN.to_bits())?;
+    tools.recorder.fill(&mut out.log_world_scales, 0)?;
+    tools.recorder.fill(&mut out.felt, 0)?;
+    let bindings = source_use::Bindings {
+        source_chunks: &state.tables.chunks,
+        instance_from_template: &state.tables.instance_from_template,
+        instances: &state.scene.instances,
+        opacity_logits: &parameters.opacity_logits,
+        offset_opacity_logits: &parameters.offset_opacity_logits,
+        uses: &mut out.uses,
+        highest_logits: &mut out.highest_logits,
+        log_world_scales: &mut out.log_world_scales,
+        logit_moments: &state.moments.parameters[Parameter::OpacityLogits],
+        offset_logit_moments: &state.moments.parameters[Parameter::OffsetOpacityLogits],
+        felt: &mut out.felt,
+    };
+    let params = source_use::Params { chunk_count: state.tables.chunk_count };
+    let grid = Grid::groups(state.tables.chunk_count);
+    tools.recorder.dispatch(&tools.pipelines.source_use, grid, &params, bindings)?;
+    Ok(out)
+}
+
 fn record_mark(
     tools: &mut Tools,
     state: &DeviceState,
@@ -219,33 +264,9 @@ fn record_mark(
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
     let count = state.source_count() as u32;
-    let mut uses = Buffer::new(&tools.gpu, "uses", count as usize)?;
-    let mut highest_logits = Buffer::new(&tools.gpu, "highest_logits", count as usize)?;
-    let mut log_world_scales = Buffer::new(&tools.gpu, "log_world_scales", count as usize)?;
-    let mut felt = Buffer::new(&tools.gpu, "felt", count as usize)?;
-    // A Gaussian of no template is used by no instance, and shown by none.
-    tools.recorder.fill(&mut uses, 0)?;
-    tools.recorder.fill(&mut highest_logits, f32::MIN.to_bits())?;
-    tools.recorder.fill(&mut log_world_scales, 0)?;
-    tools.recorder.fill(&mut felt, 0)?;
-    let bindings = source_use::Bindings {
-        source_chunks: &state.tables.chunks,
-        instance_from_template: &state.tables.instance_from_template,
-        instances: &state.scene.instances,
-        opacity_logits: &parameters.opacity_logits,
-        offset_opacity_logits: &parameters.offset_opacity_logits,
-        uses: &mut uses,
-        highest_logits: &mut highest_logits,
-        log_world_scales: &mut log_world_scales,
-        logit_moments: &state.moments.parameters[Parameter::OpacityLogits],
-        offset_logit_moments: &state.moments.parameters[Parameter::OffsetOpacityLogits],
-        felt: &mut felt,
-    };
-    let params = source_use::Params { chunk_count: state.tables.chunk_count };
-    let grid = Grid::groups(state.tables.chunk_count);
-    tools.recorder.dispatch(&tools.pipelines.source_use, grid, &params, bindings)?;
+    let mut used = record_source_uses(tools, state)?;
     if let Some(recycling) = limits.recycling {
-        recycling.retire(tools, state, &uses, &felt, &mut highest_logits)?;
+        recycling.retire(tools, state, &used.uses, &used.felt, &mut used.highest_logits)?;
     }
     for window in state.scene.windows.iter() {
         let bindings = densify_mark::Bindings {
@@ -258,9 +279,9 @@ fn record_mark(
             sh2: &parameters.sh2,
             sh3: &parameters.sh3,
             screen_statistics: &state.gradients.screen_statistics,
-            uses: &uses,
-            highest_logits: &highest_logits,
-            log_world_scales: &log_world_scales,
+            uses: &used.uses,
+            highest_logits: &used.highest_logits,
+            log_world_scales: &used.log_world_scales,
             own_counts: &needs.own_counts,
             own_gradients: &needs.own_gradients,
             keys: &mut sort.keys,

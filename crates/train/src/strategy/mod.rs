@@ -42,7 +42,8 @@ pub struct DensifyOutcome {
     pub gaussians: u32,
     /// True if opacities were lowered.
     pub opacity_reset: bool,
-    /// True if the device has no room for more Gaussians although the configuration allows more.
+    /// True if the device has no room for one more Gaussian of the template with the most instances, although the configuration
+    /// allows more.
     pub device_full: bool,
 }
 
@@ -81,10 +82,8 @@ impl Strategy {
         let limited = TrainConfig { max_gaussians: config.max_gaussians.min(most), ..config.clone() };
         let mut outcome = self.change(state, &limited, done, extent)?;
         if let Some(outcome) = &mut outcome {
-            // A split Gaussian is replaced by its children in the room that is left, or stays as it is.
-            let room = config.densify.children().saturating_sub(2);
-            let expanded = state.layout.expanded_len().saturating_add(u64::from(room));
-            outcome.device_full = most < config.max_gaussians && expanded >= u64::from(most);
+            let fits = densify::next_fits(state, config.densify.children(), most);
+            outcome.device_full = most < config.max_gaussians && !fits;
         }
         Ok(outcome)
     }

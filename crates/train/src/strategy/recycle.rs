@@ -25,10 +25,11 @@ impl Recycling {
     pub(super) fn due(config: &TrainConfig, done: u64, since: Option<u64>) -> Option<Self> {
         let densify = &config.densify;
         // Densification need not happen at multiples of `recycle_every`: the first one behind each counts.
-        let before = done.saturating_sub(densify.every);
-        let since = since.unwrap_or(if config.densifies_at(before) { before } else { 0 });
+        let before = Some(done.saturating_sub(densify.every)).filter(|&done| config.densifies_at(done)).unwrap_or(0);
+        let since = since.unwrap_or(before);
         let is_due = densify.recycle > 0.0 && done / densify.recycle_every > before / densify.recycle_every;
-        let room = (f64::from(config.max_gaussians) * (1.0 - densify.recycle)) as u64;
+        // One at least may stay, however small the cap is.
+        let room = ((f64::from(config.max_gaussians) * (1.0 - densify.recycle)) as u64).max(1);
         is_due.then_some(Self { room, steps: done.saturating_sub(since) as f32 })
     }
 
@@ -83,16 +84,18 @@ mod tests {
             sets.iter().try_fold(ConfigBuilder::new(), |builder, set| builder.set(set)).and_then(ConfigBuilder::finish)
         };
         let recycling = config(&["densify.recycle=0.1", "max_gaussians=1000", "densify.recycle_every=250"])?;
-        let due: Vec<u64> =
-            (0..=1000).step_by(100).filter(|&done| Recycling::due(&recycling, done, Some(0)).is_some()).collect();
-        assert_eq!(due, [300, 500, 800, 1000]);
-        assert_eq!(Recycling::due(&recycling, 600, Some(500)), None);
+        let is_due = |&done: &u64| recycling.densifies_at(done) && Recycling::due(&recycling, done, Some(0)).is_some();
+        // Densification begins behind step 500, the first multiple but one.
+        assert_eq!((0..=1000).step_by(100).filter(is_due).collect::<Vec<u64>>(), [600, 800, 1000]);
+        assert_eq!(Recycling::due(&recycling, 700, Some(600)), None);
         assert_eq!(Recycling::due(&recycling, 800, Some(500)), Some(Recycling { room: 900, steps: 300.0 }));
         // Without the step of a checkpoint: densification begins after 500 steps, and goes on every hundred.
         let early = config(&["densify.recycle=0.1", "densify.start=450", "steps=5000"])?;
         assert_eq!(Recycling::due(&early, 500, None).map(|due| due.steps), Some(500.0));
         assert_eq!(Recycling::due(&recycling, 800, None).map(|due| due.steps), Some(100.0));
         assert_eq!(Recycling::due(&config(&["max_gaussians=1000"])?, 500, Some(0)), None);
+        let smallest = config(&["densify.recycle=0.1", "max_gaussians=1"])?;
+        assert_eq!(Recycling::due(&smallest, 600, Some(0)).map(|due| due.room), Some(1));
         Ok(())
     }
 }

@@ -12,13 +12,14 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
 use crate::template::{
-    Doubles, HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched,
+    Doubles, HOPELESS_MATCH, Halves, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource,
+    Unmatched,
 };
 use instgs_detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
 use instgs_train::config::keys::Key;
 use instgs_train::config::{
-    ConfigError, Configuration, Layers, Method, PRESETS as TRAINER_PRESETS, TrainConfig, differences, empty_is_none,
-    to_toml,
+    ConfigError, Configuration, Growth, Layers, Method, PRESETS as TRAINER_PRESETS, TrainConfig, differences,
+    empty_is_none, to_toml,
 };
 
 /// Name and text of each preset that `--config` knows; the first two hold the defaults.
@@ -190,13 +191,21 @@ impl RunConfig {
 
     /// Options for the merge into templates.
     pub fn template_options(&self) -> TemplateOptions {
-        let (template, offsets) = (&self.pipeline.template, &self.train.offsets);
+        let (template, offsets, densify) = (&self.pipeline.template, &self.train.offsets, &self.train.densify);
+        // Without halves in growth its keys say nothing of them.
+        let halves = match densify.growth {
+            Growth::Halves => {
+                let (shrink, opacity) = (densify.split_shrink, densify.half_opacity);
+                Halves { shrink, distance: densify.half_distance(), opacity }
+            }
+            Growth::CloneOrSplit => Halves::default(),
+        };
         TemplateOptions {
             source: template.source,
             sampling: template.sampling,
             keep: template.keep,
             offsets: self.pipeline.offsets.init,
-            doubles: Doubles::Halves,
+            doubles: Doubles::Halves(halves),
             kinds: OffsetKinds {
                 position: offsets.position,
                 sh_dc: offsets.sh_dc,

@@ -87,6 +87,9 @@ fn methods_have_defaults_of_their_own() -> Test {
     assert_eq!(ConfigBuilder::new().file("instgs_quick")?.finish()?.train.densify.recycle, 0.0);
     // A preset's own value stays if another method is asked for.
     assert_eq!(ConfigBuilder::new().file("instgs_renders")?.set("method=3dgs")?.finish()?.train.densify.recycle, 0.05);
+    // As long as 7,000 steps of a plain cloud (docs/results.md).
+    let renders = ConfigBuilder::new().file("instgs_renders")?.finish()?.train;
+    assert_eq!((renders.steps, renders.joint.steps, renders.joint.max_expanded), (2_000, 4_200, 1.2));
     Ok(())
 }
 
