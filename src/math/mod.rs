@@ -6,6 +6,7 @@ pub mod covariance;
 pub mod digits;
 pub mod distortion;
 pub mod eigen;
+pub mod halves;
 pub mod heat;
 pub mod log_covariance;
 pub mod morton;

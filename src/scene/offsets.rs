@@ -18,8 +18,7 @@ pub struct Offsets {
     pub sh_rest: Vec<[f32; 3]>,
     /// Added to the log standard deviations; empty without such offsets.
     pub log_scales: Vec<[f32; 3]>,
-    /// Added to the quaternions as stored (w, x, y, z), before the sum is normalised; empty without such
-    /// offsets.
+    /// Added to the quaternions as stored (w, x, y, z), before the sum is normalised; empty without.
     pub quats: Vec<[f32; 4]>,
 }
 

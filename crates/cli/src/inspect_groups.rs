@@ -212,9 +212,9 @@ mod tests {
                 let parts = tensor_parts(&bytes, path)?;
                 let sums = FileSums::of(&parts);
                 // Poses, colour matrices and ranges come on top of the bound.
-                let bound = |group: &GroupReport| match pack {
-                    Pack::F32 => group.bound_bytes.f32 + scene.instance_bytes() * group.instances + RANGE_BYTES,
-                    _ => group.bound_bytes.f16 + scene.instance_bytes() * group.instances + RANGE_BYTES,
+                let bound = |group: &GroupReport| {
+                    let least = if pack == Pack::F32 { group.bound_bytes.f32 } else { group.bound_bytes.f16 };
+                    least + scene.instance_bytes() * group.instances + RANGE_BYTES
                 };
                 if pack != Pack::Q8 {
                     assert!(groups(&scene, &parts).iter().all(|g| g.stored_bytes == Some(bound(g))), "{pack:?}");

@@ -1,5 +1,6 @@
 //! A training run: its start, its steps, and the files that it leaves.
 
+mod end;
 mod room;
 
 use std::path::PathBuf;
@@ -7,26 +8,23 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use instgs_eval::EvalReport;
-use instgs_io::json::write_json;
 use instgs_io::{Fingerprint, RunFolder, View, atomic_write, checkpoint};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::optim::{Adam, ExposureStep};
 use instgs_vk::render::{RenderError, Renderer};
-use instgs_vk::scene::{InstancedScene, RepeatedBytes};
+use instgs_vk::scene::InstancedScene;
 
 use super::config::TrainConfig;
 use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::event_log::EventLog;
 use super::events::{Event, EventSink};
-use super::exposures;
-use super::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, TrainFacts};
+use super::facts::{MemoryUse, StageTime, TrainFacts};
 use super::interrupt::Interrupt;
 use super::log_and_observer::LogAndObserver;
 use super::log_state::{LogState, Room};
-use super::observer::{TrainMessage, TrainObserver};
-use super::results::{cleaned, evaluate_at_end, write_scene, write_training_cameras};
+use super::observer::TrainObserver;
 use super::resumed_log::{Past, open_log};
 use super::run_files::RunFiles;
 use super::same_data;
@@ -37,6 +35,7 @@ use super::strategy::{McmcStep, Strategy};
 use super::view_order::ViewOrder;
 use super::view_pictures::{background_at, evaluate_test_views, train_options};
 use super::views::TrainViews;
+use end::Course;
 
 /// Steps between two events that report the loss.
 const REPORT_EVERY: u64 = 10;
@@ -169,71 +168,9 @@ pub fn train(
     run.catch_up(&mut sink)?;
     (run.clock.started, run.clock.elsewhere) = (Instant::now(), 0.0);
     let done = run.steps(&mut sink, interrupt, first_step)?;
-    let train_seconds = run.clock.seconds();
-    stages.push(StageTime { name: "train".into(), seconds: train_seconds });
-
-    let memory_explained = run.memory_uses();
-    let device_peak = gpu.memory_usage().1;
-    let save = Instant::now();
-    let Saved { scene, dropped_non_finite, pruned, file_bytes } = run.save(gpu, &mut sink, &data.train, done)?;
-    stages.push(StageTime::since("save", save));
-
-    let interrupted = done < job.config.steps;
-    let gaussians = run.state.source_count() as u64;
-    let (dataset, times) = (run.facts(&data), run.times);
-    // Free the memory of training first: the pictures of the test views and a second copy of the scene may need it.
-    drop((run.runner, run.views, run.state));
-    let evaluation = Instant::now();
-    let test = if interrupted { &[][..] } else { &data.test };
-    let eval = evaluate_at_end(gpu, &scene, test, &job.config, sink.observer)?;
-    if let Some(report) = &eval {
-        sink.event(&evaluated(done, report))?;
-        stages.push(StageTime::since("eval", evaluation));
-    }
-    sink.event(&Event::Finished { step: done, interrupted, gaussians, seconds: train_seconds })?;
-    sink.flush()?;
-    let steps = (done - first_step) as f64;
-    let per_step = |ms: f64| ms / times.steps.max(1) as f64;
-    let parameters = memory_explained.iter().find(|m| m.name == "parameters").map_or(0, |m| m.bytes);
-    let facts = TrainFacts {
-        method: job.config.method.name().into(),
-        steps: done,
-        steps_per_second: if train_seconds > 0.0 { steps / train_seconds } else { 0.0 },
-        stages,
-        passes_ms: times.passes_ms.iter().map(|(pass, ms)| ((*pass).into(), per_step(*ms))).collect(),
-        eval: eval.as_ref().map(|report| report.mean),
-        gaussians: Counts::of(&scene),
-        bytes: Bytes {
-            file: file_bytes,
-            host: scene.tensor_bytes(),
-            device_scene: parameters,
-            scene_on_host: 0,
-            device_peak,
-        },
-        device: gpu.caps().name.clone(),
-        seed: job.config.seed,
-        repeated: (!scene.instances.is_empty()).then(|| RepeatedBytes::of(&scene)),
-        host_fraction: times.host.as_secs_f64() / times.total.as_secs_f64().max(1e-9),
-        memory_explained,
-        views: eval.as_ref().map(|eval| eval.views.clone()).unwrap_or_default(),
-        dataset,
-    };
-    if !interrupted {
-        write_json(&job.folder().facts(), &facts)?;
-    }
-    Ok(Trained { scene, dropped_non_finite, pruned, interrupted, facts })
-}
-
-/// What a run has written at its end.
-struct Saved {
-    /// The trained scene.
-    scene: InstancedScene,
-    /// Gaussians left out because a parameter is not finite.
-    dropped_non_finite: usize,
-    /// Gaussians left out because they are transparent in every instance.
-    pruned: usize,
-    /// Bytes of the scene's file.
-    file_bytes: u64,
+    let seconds = run.clock.seconds();
+    stages.push(StageTime { name: "train".into(), seconds });
+    run.end(&mut sink, &data, Course { first_step, done, seconds }, stages)
 }
 
 /// The text of `config.toml`.
@@ -304,32 +241,6 @@ impl<'a> Run<'a> {
             used_before: Vec::new(),
             files,
         })
-    }
-
-    /// Writes the scene after `done` steps, the cameras of the training views and their exposures.
-    fn save(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        sink: &mut LogAndObserver<'_>,
-        training_views: &[View],
-        done: u64,
-    ) -> Result<Saved, TrainError> {
-        let job = self.job;
-        let mut scene = self.with_room(done, |run| Ok(run.state.download(gpu)?))?;
-        self.files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
-        (scene.pixel_filter, scene.near_plane) = (job.config.pixel_filter(), job.config.near_plane());
-        scene.source = format!("instgs-vk train, {done} steps");
-        let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
-        let file_bytes = write_scene(job, &scene, pruned, done)?;
-        write_training_cameras(&job.folder(), training_views, &job.config)?;
-        if let Some(learned) = &self.state.exposures {
-            exposures::save(gpu, learned, training_views, &job.folder())?;
-        }
-        if dropped_non_finite > 0 {
-            let what = format!("dropped {dropped_non_finite} Gaussians with a non-finite parameter");
-            sink.observer.notify(TrainMessage::Warning(&what))?;
-        }
-        Ok(Saved { scene, dropped_non_finite, pruned, file_bytes })
     }
 
     fn announce(&self, sink: &mut dyn EventSink, step: u64, data: &TrainData) -> Result<(), TrainError> {
@@ -586,18 +497,5 @@ impl<'a> Run<'a> {
     fn evaluate(&mut self) -> Result<EvalReport, TrainError> {
         let mut renderer = Renderer::new(self.gpu)?;
         evaluate_test_views(&mut renderer, &self.state.scene, self.test, &self.job.config, &mut |_| Ok(()))
-    }
-
-    fn facts(&self, data: &TrainData) -> DatasetFacts {
-        let [width, height] = self.views.largest_px();
-        DatasetFacts {
-            path: self.job.data.display().to_string(),
-            train_views: data.train.len() as u64,
-            test_views: data.test.len() as u64,
-            width,
-            height,
-            points: data.points.len() as u64,
-            extent: data.extent,
-        }
     }
 }

@@ -5,9 +5,10 @@ use rayon::prelude::*;
 
 use super::instance_cloud::InstanceCloud;
 use super::offsets::{LACKING_LOGIT, clamped_logit};
-use super::options::{Doubles, Halves};
+use super::options::Doubles;
 use super::template_cloud::TemplateCloud;
 use instgs_vk::math::covariance::{logit, rotation_from_quat, sigmoid};
+use instgs_vk::math::halves::Halves;
 use instgs_vk::math::log_covariance::Shape;
 use instgs_vk::math::nearest::{Neighbour, PointSet};
 use instgs_vk::math::sh::widened;
@@ -39,7 +40,7 @@ pub(super) struct Match {
 struct Half {
     /// 1 = the one ahead along the longest axis, -1 = the other.
     side: f64,
-    /// What both are like.
+    /// How it and the other one differ from the whole.
     like: Halves,
 }
 
@@ -70,7 +71,7 @@ impl Match {
         let sigma = shape.log_scales[k].exp();
         let mut log_scales = shape.log_scales;
         log_scales[k] -= like.shrink.ln();
-        let away = axis * (side * like.distance * sigma);
+        let away = axis * (side * like.distance() * sigma);
         let opacity = like.opacity * sigmoid(f64::from(alone));
         Counterpart {
             mean: (widened(mean) + away).as_vec3().to_array(),

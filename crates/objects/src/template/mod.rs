@@ -3,8 +3,9 @@
 //!
 //! Each instance's Gaussians are moved to the common pose (`common_pose`). The template is drawn from all of them,
 //! `template.count_factor` times as many as an instance has on average (`sample`). Every template Gaussian is then
-//! matched to one of each instance's own (`matching`). It becomes the mean of its matches (`settle`), and the difference to a match is that instance's first
-//! offset (`offsets`). Template Gaussians with nothing near in an instance start there at opacity 0.01.
+//! matched to one of each instance's own (`matching`). It becomes the mean of its matches (`settle`), and the
+//! difference to a match is that instance's first offset (`offsets`). Template Gaussians with nothing near in an
+//! instance start there at opacity 0.01.
 //!
 //! Measurements of drawing, matching and settling: `docs/notes/objects.md`.
 
@@ -25,7 +26,5 @@ pub use adopt::{Adopted, Adopter};
 pub use assemble::{Built, build};
 pub use error::TemplateError;
 pub use instance_cloud::MIN_INSTANCE_GAUSSIANS;
-pub use options::{
-    Doubles, Halves, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched,
-};
+pub use options::{Doubles, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched};
 pub use report::{GroupReport, HOPELESS_MATCH, InstanceReport, POOR_MATCH};

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::TemplateError;
+use instgs_vk::math::halves::Halves;
 use instgs_vk::scene::gaussians::sh_coefficients;
 
 /// Instances that a template's Gaussians are taken from.
@@ -75,28 +76,9 @@ pub enum Doubles {
     Alike,
 }
 
-/// What the halves of a Gaussian are like beside it; see `densify.growth`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Halves {
-    /// Divisor of the longest axis.
-    pub shrink: f64,
-    /// Distance of each from the centre, in standard deviations along that axis.
-    pub distance: f64,
-    /// Opacity of each, times that of the whole.
-    pub opacity: f64,
-}
-
 impl Default for Doubles {
     fn default() -> Self {
         Self::Halves(Halves::default())
-    }
-}
-
-impl Default for Halves {
-    /// As densification makes them by default.
-    fn default() -> Self {
-        let shrink: f64 = 1.6;
-        Self { shrink, distance: (1.0 - shrink.powi(-2)).sqrt(), opacity: 0.6 }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::config::{Background, ConfigBuilder, Growth, Init, Method, PRESETS, Strategy, TrainConfig};
+use instgs_vk::math::halves::Halves;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
@@ -22,7 +23,8 @@ fn defaults_are_those_of_3dgs() {
     assert_eq!((c.rates.sh_rest, c.rates.opacity, c.rates.eps), (1.25e-4, 0.025, 1e-15));
     assert_eq!((c.densify.start, c.densify.stop, c.densify.every), (500, 15_000, 100));
     assert_eq!((c.densify.gradient_threshold, c.densify.split_fraction), (2e-4, 0.01));
-    assert_eq!((c.densify.growth, c.densify.half_opacity), (Growth::Halves, 0.6));
+    assert_eq!((c.densify.growth, c.densify.halves()), (Growth::Halves, Halves { shrink: 1.6, opacity: 0.6 }));
+    assert_eq!(c.densify.halves(), Halves::default());
     assert_eq!((c.densify.screen_size_max_px, c.densify.world_size_max), (0.0, 0.1));
     assert_eq!((c.mcmc.growth, c.mcmc.noise, c.mcmc.stop), (1.05, 5e5, 25_000));
     assert_eq!((c.densify.stop_fraction, c.mcmc.stop_fraction), (1.0, 1.0));

@@ -16,6 +16,7 @@ mod schedule;
 
 use std::path::PathBuf;
 
+use instgs_vk::math::halves::Halves;
 use instgs_vk::scene::{NearPlane, PixelFilter};
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -258,11 +259,10 @@ impl DensifyConfig {
         if self.growth == Growth::Halves { 2 } else { self.split_count }
     }
 
-    /// Distance of each half from the centre of the whole, in standard deviations along the longest axis: the two then have the
-    /// variance of the one along it.
+    /// The halves that a Gaussian becomes with [`Growth::Halves`].
     #[must_use]
-    pub fn half_distance(&self) -> f64 {
-        (1.0 - self.split_shrink.powi(-2)).sqrt()
+    pub fn halves(&self) -> Halves {
+        Halves { shrink: self.split_shrink, opacity: self.half_opacity }
     }
 }
 

@@ -90,7 +90,7 @@ impl Limits {
                 seed: seed_words(config.seed),
                 time: done as u32,
                 halves: u32::from(halves),
-                distance: densify.half_distance() as f32,
+                distance: densify.halves().distance() as f32,
                 opacity: if halves { densify.half_opacity as f32 } else { 1.0 },
             },
             means_have_offsets: config.offsets.position,

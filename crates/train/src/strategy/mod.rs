@@ -42,8 +42,7 @@ pub struct DensifyOutcome {
     pub gaussians: u32,
     /// True if opacities were lowered.
     pub opacity_reset: bool,
-    /// True if the device has no room for one more Gaussian of the template with the most instances, although the configuration
-    /// allows more.
+    /// True if one more Gaussian of the template with the most instances fits the configuration, but not the device.
     pub device_full: bool,
 }
 

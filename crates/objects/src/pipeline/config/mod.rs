@@ -12,8 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
 use crate::template::{
-    Doubles, HOPELESS_MATCH, Halves, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource,
-    Unmatched,
+    Doubles, HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched,
 };
 use instgs_detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
 use instgs_train::config::keys::Key;
@@ -21,6 +20,7 @@ use instgs_train::config::{
     ConfigError, Configuration, Growth, Layers, Method, PRESETS as TRAINER_PRESETS, TrainConfig, differences,
     empty_is_none, to_toml,
 };
+use instgs_vk::math::halves::Halves;
 
 /// Name and text of each preset that `--config` knows; the first two hold the defaults.
 pub const PRESETS: [(&str, &str); 9] = [
@@ -194,10 +194,7 @@ impl RunConfig {
         let (template, offsets, densify) = (&self.pipeline.template, &self.train.offsets, &self.train.densify);
         // Without halves in growth its keys say nothing of them.
         let halves = match densify.growth {
-            Growth::Halves => {
-                let (shrink, opacity) = (densify.split_shrink, densify.half_opacity);
-                Halves { shrink, distance: densify.half_distance(), opacity }
-            }
+            Growth::Halves => densify.halves(),
             Growth::CloneOrSplit => Halves::default(),
         };
         TemplateOptions {
