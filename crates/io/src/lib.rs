@@ -36,6 +36,7 @@ pub mod page;
 pub mod paged_file;
 mod pages;
 pub mod picture_png;
+mod plausible;
 pub mod ply;
 mod ply_packed;
 mod ply_table;

@@ -19,6 +19,7 @@ use std::path::Path;
 use crate::bytes::Cursor;
 use crate::error::{BY_ENDING, IoError, Place};
 use crate::host_memory::{available_bytes, check_reading};
+use crate::plausible::most_gaussians;
 use crate::spz_axes::Extensions;
 use crate::spz_codec::{self, Layout};
 use crate::{cut_note, read_bytes};
@@ -32,9 +33,6 @@ pub(crate) const FLAG_ANTIALIAS: u8 = 1;
 const FLAG_EXTENSIONS: u8 = 2;
 /// Upper limit on the compression of gzip: Deflate reaches about 1032:1.
 const MAX_GZIP_RATIO: u64 = 1040;
-/// Positions alone take 9 bytes per splat, and no real stream is compressed 1024:1: the reference implementation
-/// rejects more as well.
-const MAX_SPLATS_PER_BYTE: u64 = 1024 / 9;
 const HEADER_BYTES: usize = 16;
 /// Length of the header of version 4.
 pub(crate) const HEADER_BYTES_V4: usize = 32;
@@ -80,6 +78,7 @@ fn parse_within(bytes: &[u8], memory: Option<u64>, path: &Path) -> Result<SpzClo
         if need > (bytes.len() as u64).saturating_mul(MAX_GZIP_RATIO) {
             return Err(header.too_many(bytes.len(), path));
         }
+        header.check_count(bytes.len(), path)?;
         header.check_memory(need, memory, path)?;
         stream.by_ref().take(need.saturating_add(MAX_EXTENSION_BYTES)).read_to_end(&mut plain).map_err(broken)?;
         // Reading on to the end makes the decoder verify the stream's checksum.
@@ -149,6 +148,14 @@ impl Header {
         IoError::damaged(path, what).at(Place::Field("numPoints".into()))
     }
 
+    /// Checks that so many splats are plausible in a file of so many bytes.
+    fn check_count(&self, file_bytes: usize, path: &Path) -> Result<(), IoError> {
+        if u64::from(self.splats) > most_gaussians(file_bytes as u64) {
+            return Err(self.too_many(file_bytes, path));
+        }
+        Ok(())
+    }
+
     /// Checks memory for arrays of so many bytes, which are unpacked first, and for the Gaussians.
     fn check_memory(&self, unpacked_bytes: u64, memory: Option<u64>, path: &Path) -> Result<(), IoError> {
         check_reading(path, "takes", unpacked_bytes.saturating_add(self.layout().gaussians_bytes()), memory)
@@ -187,9 +194,7 @@ fn arrays_in_one_piece(header: &Header, body: &[u8], path: &Path) -> Result<SpzC
 
 /// Reads version 4: a table of contents and zstd frames.
 fn streams(header: &Header, bytes: &[u8], memory: Option<u64>, path: &Path) -> Result<SpzCloud, IoError> {
-    if u64::from(header.splats) > (bytes.len() as u64).saturating_mul(MAX_SPLATS_PER_BYTE) {
-        return Err(header.too_many(bytes.len(), path));
-    }
+    header.check_count(bytes.len(), path)?;
     header.check_memory(header.layout().total_bytes(), memory, path)?;
     let mut cursor = Cursor::new(bytes, path);
     cursor.take(HEADER_BYTES, "the SPZ header")?;

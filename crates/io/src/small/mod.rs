@@ -29,6 +29,7 @@ pub use sensitivity::{Sensitivity, SmallOptions};
 pub use shapes::LOG_COVARIANCES;
 pub(crate) use shapes::{offset_shapes_from, shapes_from};
 
+use crate::plausible::most_gaussians;
 use crate::scene_pack::floats;
 use crate::step_columns::TableError;
 use field::{Centre, Classes, Follows, Memory, Part, Plan};
@@ -41,15 +42,9 @@ pub const CODED: &str = ".coded";
 /// Name of the tensor of a group's classes of precision, without the group and [`CODED`].
 pub(crate) const PRECISION: &str = "precision";
 
-/// Positions have at most this many rows per coded byte, beyond [`FREE_ROWS`]: real ones take 2 to 4 bytes a row, and a file
-/// must not claim more memory than its size makes plausible.
-const MOST_ROWS_PER_BYTE: usize = 64;
-/// Number of rows that are plausible whatever the bytes.
-const FREE_ROWS: usize = 4096;
-
 /// True if so many rows of positions are plausible in a coded tensor of `bytes`.
 pub(crate) fn is_plausible(rows: usize, bytes: usize) -> bool {
-    rows <= FREE_ROWS + MOST_ROWS_PER_BYTE * bytes
+    rows as u64 <= most_gaussians(bytes as u64)
 }
 
 /// The number of rows of a coded tensor, and of values per row.

@@ -10,11 +10,10 @@ use super::image::Image;
 use super::meta::{META, Means, Meta, Palette};
 use crate::error::{IoError, Place};
 use crate::host_memory::{available_bytes, check_reading, gaussian_bytes};
+use crate::plausible::most_gaussians;
 use crate::{logit_of_byte, read_bytes};
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
-/// Most pixels per byte of the file: positions alone take bits in every pixel of a real one.
-const MAX_PIXELS_PER_BYTE: u64 = 64;
 /// Most pixels per Gaussian, and beyond that: images are little larger than what they hold, but sides may be powers of two.
 const MAX_PIXELS_PER_GAUSSIAN: u64 = 4;
 const MAX_SPARE_PIXELS: u64 = 1 << 14;
@@ -133,8 +132,9 @@ impl Reader<'_, '_> {
         Image::decode(&(self.file)(name)?, most, name, self.path)
     }
 
+    /// The most pixels that are plausible in an image of the file: it has one for each Gaussian.
     fn most_pixels(&self) -> u64 {
-        self.file_bytes.saturating_mul(MAX_PIXELS_PER_BYTE)
+        most_gaussians(self.file_bytes)
     }
 
     /// Checks memory for the cloud and its images, if the available one is known.
