@@ -16,13 +16,6 @@ impl ExportedScene {
             moved_note(&self.sog_moved, self.gaussians, ".sog")
                 .map(|note| format!("{note}; use .spz, .ply or .instgs")),
         );
-        if format == ExportFormat::Glb && !(scene.offsets.log_scales.is_empty() && scene.offsets.quats.is_empty()) {
-            notes.push(
-                "its instances differ from their templates in shape too, so readers, this program as well, take them for meshes \
-                 that have nothing to do with each other: they come back as background; .instgs keeps them as instances"
-                    .into(),
-            );
-        }
         if filter.antialias {
             notes.extend(antialias_note(format).map(String::from));
         }
@@ -149,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn what_sog_moves_and_glb_flattens_is_named() {
+    fn what_sog_moves_and_its_folder_lacks_is_named() {
         let exported = ExportedScene {
             gaussians: 400,
             sog_moved: Clamped { gaussians: 143, farthest: 0.13 },
@@ -162,12 +155,14 @@ mod tests {
                 positions; use .spz, .ply or .instgs";
             assert_eq!(notes, [want]);
         }
-        let mut scene = instgs_samples::sample_scene();
-        let notes = |scene: &InstancedScene, format| ExportedScene::default().notes(Path::new("x"), scene, format);
-        let says = |notes: Vec<String>| notes.iter().any(|note| note.contains("in shape too"));
-        assert!(!says(notes(&scene, ExportFormat::Glb)));
-        scene.offsets.log_scales = vec![[0.1; 3]; scene.offsets.len()];
-        assert!(says(notes(&scene, ExportFormat::Glb)) && !says(notes(&scene, ExportFormat::Instgs(Pack::F32))));
+        let scene = instgs_samples::with_own();
+        let notes = |format| ExportedScene::default().notes(Path::new("x"), &scene, format).concat();
+        let unlike = (0..scene.instances.len()).filter(|&k| !scene.looks_like_template(k)).count();
+        assert!(
+            notes(ExportFormat::SogFolder).contains(&format!("{unlike} of 4 instances differ from their template"))
+        );
+        assert!(unlike > 2, "{unlike}");
+        assert!(!notes(ExportFormat::Glb).contains("differ") && !notes(ExportFormat::Sog).contains("differ"));
     }
 
     #[test]

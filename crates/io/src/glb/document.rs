@@ -72,13 +72,24 @@ pub(super) struct Node {
 pub(super) struct Mesh {
     name: String,
     primitives: [Primitive; 1],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    extras: Option<MeshExtras>,
+}
+
+/// What this program says of a mesh to itself, where glTF has a place for it.
+#[derive(Serialize)]
+struct MeshExtras {
+    #[serde(rename = "instgs_template")]
+    template: u32,
 }
 
 impl Mesh {
-    /// A mesh of Gaussians; `attributes` maps semantics to accessors.
-    pub(super) fn splats(name: String, attributes: BTreeMap<String, usize>) -> Self {
+    /// A mesh of Gaussians; `attributes` maps semantics to accessors, and `template` is the number of the template, if it is an
+    /// instance of one.
+    pub(super) fn splats(name: String, attributes: BTreeMap<String, usize>, template: Option<u32>) -> Self {
         let extensions = BTreeMap::from([(SPLATS, SplatProperties::default())]);
-        Self { name, primitives: [Primitive { attributes, mode: POINTS, extensions }] }
+        let extras = template.map(|template| MeshExtras { template });
+        Self { name, primitives: [Primitive { attributes, mode: POINTS, extensions }], extras }
     }
 }
 

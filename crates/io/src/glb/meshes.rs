@@ -96,7 +96,8 @@ impl<'a> MeshWriter<'a> {
         self.offset_attributes(part, &mut attributes)?;
         self.shape_attributes(part, &mut attributes)?;
         self.sh_rest_attributes(part, &mut attributes)?;
-        self.document.meshes.push(Mesh::splats(name.to_owned(), attributes));
+        let template = if let Kind::Template(template) = part.kind { Some(template) } else { None };
+        self.document.meshes.push(Mesh::splats(name.to_owned(), attributes, template));
         let mesh = self.document.meshes.len() - 1;
         self.mesh_of.insert(key, mesh);
         Ok(Some(mesh))

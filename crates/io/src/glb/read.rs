@@ -149,10 +149,11 @@ fn parts(document: &Document, most: usize, notes: &mut Vec<String>, path: &Path)
         let is_own_root = own_root == Some(index);
         let scene_from_part = if is_own_root { DMat4::IDENTITY } else { scene_from_parent * node.parent_from_node() };
         if let Some(mesh) = node.mesh {
-            let primitives = document.meshes.get(mesh).map(|mesh| &mesh.primitives);
-            for primitive in primitives.ok_or_else(|| fail("names a mesh that does not exist", field()))? {
+            let found = document.meshes.get(mesh);
+            let found = found.ok_or_else(|| fail("names a mesh that does not exist", field()))?;
+            for primitive in &found.primitives {
                 if let Some(attributes) = attributes(primitive, mesh, notes, path)? {
-                    out.push(Part { scene_from_part, attributes });
+                    out.push(Part { scene_from_part, attributes, template: found.template() });
                     if node.extensions.contains_key(MANY_PLACES) {
                         let what = "has meshes of Gaussians in many places by";
                         note(notes, format!("{what} {MANY_PLACES}, which is not read: each is placed once"));

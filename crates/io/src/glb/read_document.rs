@@ -65,6 +65,15 @@ impl Node {
 #[serde(default)]
 pub(super) struct Mesh {
     pub(super) primitives: Vec<Primitive>,
+    /// Whatever programs keep there.
+    extras: serde_json::Value,
+}
+
+impl Mesh {
+    /// The number of the template that the mesh is an instance of, if this program wrote it.
+    pub(super) fn template(&self) -> Option<u64> {
+        self.extras.get("instgs_template")?.as_u64()
+    }
 }
 
 #[derive(Default, Deserialize)]

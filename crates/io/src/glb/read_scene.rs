@@ -1,8 +1,8 @@
 //! The scene of the meshes of a `.glb`.
 //!
-//! Meshes that share the accessors of rotation and scale, and whose nodes are similarities, are instances of one template:
-//! the first of them. Where they have other positions, opacities or SH, the differences become offsets. All other Gaussians
-//! are background: meshes that are placed once, and those that their node stretches.
+//! Meshes whose nodes are similarities are instances of one template, the first of them, if this program wrote them from one
+//! template, or if they share the accessors of rotation and scale. Where they have other values, the differences become
+//! offsets. All other Gaussians are background: other meshes that are placed once, and those that their node stretches.
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,13 +23,34 @@ use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange
 pub(super) struct Part {
     pub(super) scene_from_part: DMat4,
     pub(super) attributes: Attributes,
+    /// The number of the template that this program wrote it from.
+    pub(super) template: Option<u64>,
 }
 
-/// What all instances of a template share: the accessors of rotation and scale, and the number of SH coefficients.
-type Shape = (usize, usize, usize);
+/// What all instances of a template share.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Shape {
+    /// The number of the template, in a file of this program, and what another program may have changed since: how many
+    /// Gaussians and SH coefficients above 0 there are.
+    Written { template: u64, gaussians: usize, sh_rest: usize },
+    /// The accessors of rotation and scale, and the number of SH coefficients above 0.
+    Accessors { rotation: usize, scale: usize, sh_rest: usize },
+}
 
-fn shape(attributes: &Attributes) -> Shape {
-    (attributes.rotation, attributes.scale, attributes.sh_rest.len())
+impl Shape {
+    fn of(part: &Part, values: &Values<'_>) -> Result<Self, IoError> {
+        let Attributes { position, rotation, scale, ref sh_rest, .. } = part.attributes;
+        let sh_rest = sh_rest.len();
+        Ok(match part.template {
+            Some(template) => Self::Written { template, gaussians: values.count(position)?, sh_rest },
+            None => Self::Accessors { rotation, scale, sh_rest },
+        })
+    }
+
+    /// Whether so many meshes make a template: what was an instance stays one.
+    fn is_template(&self, users: usize) -> bool {
+        users > 1 || matches!(self, Self::Written { .. })
+    }
 }
 
 /// The transform of a part.
@@ -83,33 +104,41 @@ pub(super) fn scene_of(
     if lost > 0 {
         notes.push(format!("has {lost} meshes of Gaussians that their nodes flatten or mirror, which are left out"));
     }
-    let mut users: BTreeMap<Shape, Vec<&Attributes>> = BTreeMap::new();
-    for (part, placement) in parts.iter().zip(&placements) {
+    let shapes = parts.iter().map(|part| Shape::of(part, values)).collect::<Result<Vec<_>, _>>()?;
+    let mut users: BTreeMap<&Shape, Vec<&Attributes>> = BTreeMap::new();
+    for ((part, shape), placement) in parts.iter().zip(&shapes).zip(&placements) {
         if matches!(placement, Placement::Similar(_)) {
-            users.entry(shape(&part.attributes)).or_default().push(&part.attributes);
+            users.entry(shape).or_default().push(&part.attributes);
         }
     }
-    users.retain(|_, users| users.len() > 1);
+    users.retain(|shape, users| shape.is_template(users.len()));
     // SH coefficients above 0 up to the last one in which an instance differs from its template.
     let differ = |users: &Vec<&Attributes>| {
         let of_user = |user: &&Attributes| user.sh_rest.iter().zip(&users[0].sh_rest).rposition(|(a, b)| a != b);
         users.iter().filter_map(of_user).max().map_or(0, |last| last + 1)
     };
+    let shape_differs = |users: &Vec<&Attributes>| {
+        users.iter().any(|user| (user.rotation, user.scale) != (users[0].rotation, users[0].scale))
+    };
+    let kinds = OffsetKinds {
+        sh_rest: whole_bands(users.values().map(differ).max().unwrap_or(0)),
+        shape: users.values().any(shape_differs),
+    };
     let mut builder = Builder {
         values,
         sh_degree: users.values().flatten().map(|user| user.sh_degree()).max().unwrap_or(0),
-        rest_offsets: whole_bands(users.values().map(differ).max().unwrap_or(0)),
+        kinds,
         templates: BTreeMap::new(),
         scene: InstancedScene::default(),
     };
     builder.scene.templates.sh_degree = builder.sh_degree;
     let mut background = Vec::new();
-    check_memory(parts, &users, builder.rest_offsets, values)?;
+    check_memory(parts.iter().map(|part| &part.attributes).zip(&shapes), &users, kinds, values)?;
     check_copies(parts, &placements, values)?;
-    for (part, placement) in parts.iter().zip(placements) {
+    for ((part, shape), placement) in parts.iter().zip(&shapes).zip(placements) {
         match placement {
-            Placement::Similar(similarity) if users.contains_key(&shape(&part.attributes)) => {
-                builder.push_instance(&part.attributes, similarity)?;
+            Placement::Similar(similarity) if users.contains_key(shape) => {
+                builder.push_instance(&part.attributes, shape, similarity)?;
             }
             Placement::Similar(similarity) => background.push(values.cloud(&part.attributes)?.placed(similarity)),
             Placement::Affine(matrix) => background.push(stretched(&values.cloud(&part.attributes)?, matrix)),
@@ -143,16 +172,17 @@ fn meshes(parts: &[Part]) -> BTreeSet<&Attributes> {
 }
 
 /// Checks memory for all different meshes. Of those that become instances with offsets the first of each shape is the template.
-fn check_memory(
-    parts: &[Part],
-    users: &BTreeMap<Shape, Vec<&Attributes>>,
-    rest_offsets: usize,
+fn check_memory<'a>(
+    parts: impl Iterator<Item = (&'a Attributes, &'a Shape)>,
+    users: &BTreeMap<&Shape, Vec<&Attributes>>,
+    kinds: OffsetKinds,
     values: &Values<'_>,
 ) -> Result<(), IoError> {
-    let record_bytes = 4 * (3 + 3 + 1 + 3 * rest_offsets as u64);
     let (mut need, mut templates) = (0u64, BTreeSet::new());
-    for attributes in meshes(parts) {
-        let is_instance = users.contains_key(&shape(attributes)) && !templates.insert(shape(attributes));
+    let record_bytes = kinds.record_bytes();
+    let meshes: BTreeSet<_> = parts.collect();
+    for (attributes, shape) in meshes {
+        let is_instance = users.contains_key(shape) && !templates.insert(shape);
         // Clouds are there twice while they are joined.
         let each = if is_instance { record_bytes } else { 2 * gaussian_bytes(attributes.sh_degree()) };
         need = need.saturating_add((values.count(attributes.position)? as u64).saturating_mul(each));
@@ -172,21 +202,42 @@ fn check_copies(parts: &[Part], placements: &[Placement], values: &Values<'_>) -
     check_reading(values.path, &what, need, available_bytes())
 }
 
+/// What instances differ in from their templates, besides positions, base colours and opacities.
+#[derive(Clone, Copy)]
+struct OffsetKinds {
+    /// SH coefficients above 0, in whole bands.
+    sh_rest: usize,
+    /// Whether scales and rotations are among it.
+    shape: bool,
+}
+
+impl OffsetKinds {
+    /// Bytes of a record in memory.
+    fn record_bytes(self) -> u64 {
+        let of_shape = if self.shape { 3 + 4 } else { 0 };
+        4 * (3 + 3 + 1 + of_shape + 3 * self.sh_rest as u64)
+    }
+}
+
 /// Builds templates, instances and offsets.
 struct Builder<'a> {
     values: &'a Values<'a>,
     /// SH degree of the templates.
     sh_degree: u32,
-    /// SH coefficients above 0 in which instances differ from their templates, and the rest of their band.
-    rest_offsets: usize,
+    kinds: OffsetKinds,
     templates: BTreeMap<Shape, Template>,
     scene: InstancedScene,
 }
 
 impl Builder<'_> {
     /// Appends an instance, and its template if it is the first one of it.
-    fn push_instance(&mut self, attributes: &Attributes, world_from_template: Similarity) -> Result<(), IoError> {
-        let template = match self.templates.entry(shape(attributes)) {
+    fn push_instance(
+        &mut self,
+        attributes: &Attributes,
+        shape: &Shape,
+        world_from_template: Similarity,
+    ) -> Result<(), IoError> {
+        let template = match self.templates.entry(shape.clone()) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(place) => {
                 let mut cloud = self.values.cloud(attributes)?;
@@ -200,7 +251,7 @@ impl Builder<'_> {
                 let mut shown = self.values.cloud(attributes)?;
                 shown.set_sh_degree(self.sh_degree);
                 let first = Some(self.scene.offsets.len() as u32);
-                push_offsets(&mut self.scene.offsets, &template.cloud, &shown, self.rest_offsets);
+                push_offsets(&mut self.scene.offsets, &template.cloud, &shown, self.kinds);
                 template.runs.insert(attributes.clone(), first);
                 first
             }
@@ -223,9 +274,9 @@ fn whole_bands(count: usize) -> usize {
     (0..=MAX_SH_DEGREE).map(|degree| sh_coefficients(degree) - 1).find(|&rest| rest >= count).unwrap_or(count)
 }
 
-/// Appends the differences of an instance's cloud from its template's, which has as many Gaussians; of `rest` SH coefficients above
-/// 0, since they agree in the others.
-fn push_offsets(offsets: &mut Offsets, template: &Gaussians, shown: &Gaussians, rest: usize) {
+/// Appends the differences of an instance's cloud from its template's, which has as many Gaussians and agrees in all that `kinds`
+/// does not name.
+fn push_offsets(offsets: &mut Offsets, template: &Gaussians, shown: &Gaussians, kinds: OffsetKinds) {
     let difference = |(a, b): (&[f32; 3], &[f32; 3])| (widened(*a) - widened(*b)).to_array().map(|v| v as f32);
     offsets.means.extend(shown.means.iter().zip(&template.means).map(difference));
     let logits = shown.opacity_logits.iter().zip(&template.opacity_logits);
@@ -233,8 +284,19 @@ fn push_offsets(offsets: &mut Offsets, template: &Gaussians, shown: &Gaussians, 
     for i in 0..template.len() {
         let mut sh = shown.sh_of(i).iter().zip(template.sh_of(i)).map(difference);
         offsets.sh_dc.extend(sh.next());
-        offsets.sh_rest.extend(sh.take(rest));
+        offsets.sh_rest.extend(sh.take(kinds.sh_rest));
     }
+    if kinds.shape {
+        offsets.log_scales.extend(shown.log_scales.iter().zip(&template.log_scales).map(difference));
+        offsets.quats.extend(shown.quats.iter().zip(&template.quats).map(quat_difference));
+    }
+}
+
+/// The smaller of the two differences between rotations: q and -q are the same one.
+fn quat_difference((shown, template): (&[f32; 4], &[f32; 4])) -> [f32; 4] {
+    let dot: f64 = shown.iter().zip(template).map(|(&a, &b)| f64::from(a) * f64::from(b)).sum();
+    let sign = if dot < 0.0 { -1.0 } else { 1.0 };
+    std::array::from_fn(|k| (sign * f64::from(shown[k]) - f64::from(template[k])) as f32)
 }
 
 /// A cloud that a matrix of positive determinant maps to other shapes: covariances exactly; SH turn with the matrix's

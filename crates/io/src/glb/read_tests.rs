@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use instgs_samples::{sample_scene, with_low_sh_offsets, with_own};
+use instgs_samples::{sample_scene, with_ablations, with_low_sh_offsets, with_own};
 use instgs_vk::math::covariance::covariance;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::{eval_sh, widened};
@@ -55,14 +55,22 @@ fn scenes_survive_writing_and_reading() -> Outcome {
         ..sample_scene()
     };
     let low = with_low_sh_offsets();
-    for (scene, instances, records, degree) in
-        [(sample_scene(), 4, 5, 0), (with_own(), 6, 5, 0), (low, 4, 5, 1), (coloured, 4, 5, 2)]
-    {
+    // As the defaults train: each instance has its own scales, rotations and all SH.
+    let own_looks = InstancedScene { color_from_template: coloured.color_from_template.clone(), ..with_ablations() };
+    for (scene, instances, records, degree) in [
+        (sample_scene(), 4, 5, 0),
+        (with_own(), 6, 5, 0),
+        (low, 4, 5, 1),
+        (coloured, 4, 5, 2),
+        (with_ablations(), 4, 5, 2),
+        (own_looks, 4, 5, 2),
+    ] {
         for up in [DVec3::NEG_Y, DVec3::new(1.0, 2.0, -0.5)] {
             let GlbScene { scene: back, notes } = parse_glb(&written(&scene, up)?, path())?;
             assert!(notes.is_empty(), "{notes:?}");
             assert_eq!((back.instances.len(), back.offsets.len()), (instances, records));
             assert_eq!(back.offsets.sh_degree(), degree);
+            assert_eq!(back.offsets.quats.len(), if scene.offsets.quats.is_empty() { 0 } else { records });
             assert_same_cloud(&back.flatten(), &scene.flatten());
             // Once more: nothing is lost on the way.
             let again = parse_glb(&written(&back, up)?, path())?.scene;
