@@ -7,7 +7,7 @@ use safetensors::tensor::TensorInfo;
 
 use instgs_console::CliError;
 use instgs_io::scene_small::{SUFFIX, small_shape};
-use instgs_io::small::{CODED, LOG_COVARIANCES, coded_shape, coded_streams};
+use instgs_io::small::{CODED, CodedStreams, LOG_COVARIANCES, coded_shape, coded_streams};
 use instgs_io::{IoError, LoadedScene};
 
 /// A range of bytes of the file.
@@ -17,12 +17,50 @@ pub(super) struct FilePart {
     /// Element type and shape, for a tensor.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) layout: Option<String>,
+    /// What an entropy coded tensor's bytes are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) coded: Option<CodedBytes>,
     pub(super) bytes: u64,
     /// The first dimension of a tensor; for a coded table its number of rows.
     #[serde(skip)]
     pub(super) rows: u64,
     #[serde(skip)]
     pub(super) purpose: Purpose,
+}
+
+/// The bytes of an entropy coded tensor.
+#[derive(Clone, Copy, serde::Serialize)]
+pub(super) struct CodedBytes {
+    /// Number of its values.
+    pub(super) values: u64,
+    /// Bytes of entropy coded tokens.
+    pub(super) entropy_coded: u64,
+    /// Bytes of lower bits, which are stored as they are.
+    pub(super) as_they_are: u64,
+    /// Bytes of steps and of tables of frequencies.
+    pub(super) tables: u64,
+}
+
+impl CodedBytes {
+    fn of(streams: &CodedStreams) -> Self {
+        let values = (streams.rows * streams.width) as u64;
+        let [entropy_coded, as_they_are, tables] =
+            [streams.token_bytes, streams.low_bytes, streams.header_bytes].map(|bytes| bytes as u64);
+        Self { values, entropy_coded, as_they_are, tables }
+    }
+
+    /// A line about a tensor of that shape.
+    fn line(&self, streams: &CodedStreams) -> String {
+        let bits = |bytes: u64| 8.0 * bytes as f64 / self.values.max(1) as f64;
+        format!(
+            "[{}, {}], {:.2} bits a value entropy coded, {:.2} as they are, {} bytes of tables",
+            streams.rows,
+            streams.width,
+            bits(self.entropy_coded),
+            bits(self.as_they_are),
+            self.tables
+        )
+    }
 }
 
 /// The purpose of a part of the file.
@@ -80,7 +118,7 @@ impl FileSums {
 }
 
 fn plain(name: &str, purpose: Purpose, bytes: u64) -> FilePart {
-    FilePart { name: name.into(), layout: None, bytes, rows: 0, purpose }
+    FilePart { name: name.into(), layout: None, coded: None, bytes, rows: 0, purpose }
 }
 
 /// The file's header and tensors, or the parts of other formats as far as known.
@@ -119,39 +157,25 @@ pub(super) fn tensor_parts(bytes: &[u8], path: &Path) -> Result<Vec<FilePart>, C
     ];
     let mut tensors: Vec<_> = metadata.tensors().into_iter().collect();
     tensors.sort_by(|a, b| (a.1.data_offsets, &a.0).cmp(&(b.1.data_offsets, &b.0)));
-    let tensor_part = |(name, info): (String, &TensorInfo)| FilePart {
-        purpose: purpose_of(&name),
-        layout: Some(layout_of(&name, info, &bytes[LENGTH_BYTES + header_bytes..])),
-        bytes: (info.data_offsets.1 - info.data_offsets.0) as u64,
-        rows: rows_of(&name, info, &bytes[LENGTH_BYTES + header_bytes..]),
-        name,
+    let tensor_part = |(name, info): (String, &TensorInfo)| {
+        let data = &bytes[LENGTH_BYTES + header_bytes..][info.data_offsets.0..info.data_offsets.1];
+        let streams = name.ends_with(CODED).then(|| coded_streams(data)).flatten();
+        let coded = streams.map(|streams| CodedBytes::of(&streams));
+        let line = streams.zip(coded).map(|(streams, coded)| coded.line(&streams));
+        FilePart {
+            purpose: purpose_of(&name),
+            layout: Some(line.unwrap_or_else(|| format!("{:?} {:?}", info.dtype, info.shape))),
+            coded,
+            bytes: data.len() as u64,
+            rows: rows_of(&name, info, data),
+            name,
+        }
     };
     parts.extend(tensors.into_iter().map(tensor_part));
     Ok(parts)
 }
 
-/// Element type and shape of a tensor, or what a coded one holds.
-fn layout_of(name: &str, info: &TensorInfo, data: &[u8]) -> String {
-    let coded = || coded_streams(&data[info.data_offsets.0..info.data_offsets.1]);
-    match name.ends_with(CODED).then(coded).flatten() {
-        None => format!("{:?} {:?}", info.dtype, info.shape),
-        Some(streams) => {
-            let values = (streams.rows * streams.width).max(1) as f64;
-            let bits = |bytes: usize| 8.0 * bytes as f64 / values;
-            format!(
-                "[{}, {}], {:.2} bits a value entropy coded, {:.2} as they are, {} bytes of tables",
-                streams.rows,
-                streams.width,
-                bits(streams.token_bytes),
-                bits(streams.low_bytes),
-                streams.header_bytes
-            )
-        }
-    }
-}
-
-fn rows_of(name: &str, info: &TensorInfo, data: &[u8]) -> u64 {
-    let bytes = &data[info.data_offsets.0..info.data_offsets.1];
+fn rows_of(name: &str, info: &TensorInfo, bytes: &[u8]) -> u64 {
     let coded = |shape: Result<(usize, usize), _>| shape.map_or(0, |(rows, _)| rows as u64);
     if name.ends_with(SUFFIX) {
         coded(small_shape(bytes))
@@ -200,6 +224,12 @@ mod tests {
             let parts = tensor_parts(&bytes, path)?;
             assert_eq!(parts.iter().map(|p| p.bytes).sum::<u64>(), bytes.len() as u64);
             let sums = FileSums::of(&parts);
+            let coded: Vec<_> = parts.iter().filter_map(|part| Some((part, part.coded?))).collect();
+            assert_eq!(coded.is_empty(), pack != Pack::Small);
+            for (part, coded) in coded {
+                assert_eq!(coded.entropy_coded + coded.as_they_are + coded.tables, part.bytes, "{}", part.name);
+                assert_eq!(part.rows > 0, coded.values > 0, "{}", part.name);
+            }
             let gaussians = sums.templates + sums.own + sums.background;
             assert_eq!(sums.own > 0, !scene.own.is_empty());
             assert_eq!(sums.levels > 0, !scene.fitted_levels.is_empty() && pack != Pack::Small);

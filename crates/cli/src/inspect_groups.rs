@@ -232,7 +232,14 @@ mod tests {
         assert!(stored <= all && all - stored <= 5 * scene.template_ranges.len() as u64, "{stored} {all}");
         assert!(sums.background > 0 && sums.templates > 0);
         // Other formats, such as .glb, do not say which bytes are whose.
-        let whole = FilePart { name: "all".into(), layout: None, bytes: 9_999, rows: 0, purpose: Purpose::Background };
+        let whole = FilePart {
+            name: "all".into(),
+            layout: None,
+            coded: None,
+            bytes: 9_999,
+            rows: 0,
+            purpose: Purpose::Background,
+        };
         assert!(groups(&scene, &[whole]).iter().all(|g| (g.stored_bytes, g.shrink) == (None, None)));
         Ok(())
     }
