@@ -99,7 +99,8 @@ const MOST_LOSS_DB: f64 = 0.5;
 
 /// Twice the same bytes; and a run whose joint phase was killed ends in them too, without repeating the stages before. The
 /// joint phase has everything: all kinds of offsets, colour matrices, exposures of photos that go on from those of the plain
-/// cloud, and growth before and after the kill, of templates and of single instances.
+/// cloud, and growth before and after the kill, of templates and of single instances, by halves and with room made for them as in
+/// the defaults.
 #[test]
 fn runs_repeat_bit_by_bit_after_a_kill_too() {
     if skips_gpu() {
@@ -112,6 +113,10 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         "offsets.covariance=true",
         "densify.start=15",
         "densify.every=10",
+        "densify.growth=halves",
+        "densify.recycle=0.05",
+        "densify.recycle_every=15",
+        "joint.instances_every=4",
         "joint.grow_fraction=0.8",
         "joint.max_expanded=2",
         "joint.own_share=0.4",
