@@ -16,7 +16,7 @@
 // With WINDOWED the source arrays are larger than a binding: a dispatch sees a window of them and leaves out the work items
 // of other windows (`source_window.glsl`).
 //
-// Offsets of SH bands above 0 and of shape exist for ablations; kernels for scenes without them omit the code.
+// Kernels for scenes without offsets of shape, or of SH bands above 0, omit the code.
 //
 // - Reads `work_items` (by work item), `instances` (by instance), source arrays `means` .. `sh0` (by `first_source` +
 //   local index), SH bands `sh1` .. `sh3` (by `first_in_band` + local index; 3, 5, 7 coefficients), offsets (by
@@ -24,8 +24,8 @@
 // - Writes `splats`, `footprints`, `tile_counts` (by slot = `work item * WORKGROUP_SIZE + rank`), `survivor_counts`
 //   (by work item). Slots from the last survivor to the end of a work item are not written.
 // - Grid: one work-group per work item, indirect (`FAMILY_WORK_ITEMS`, `ARGS_ITEMS`); one thread per Gaussian.
-// - Bytes per Gaussian: 44 read, 16 more with offsets. Per survivor: 12 + 12 (degree + 1)^2 read, 24 more with
-//   offsets; 76 written (splat 40, footprint 32, tile count 4). Per work item: 140 read, 4 written.
+// - Bytes per Gaussian: 44 read, 16 more with offsets, 28 more with those of shape. Per survivor: 12 + 12 (degree + 1)^2
+//   read, 24 more with offsets; 76 written (splat 40, footprint 32, tile count 4). Per work item: 140 read, 4 written.
 // - Guarantees: ranks come from ballots and a count per subgroup, so slots follow flat order and no atomic is used.
 //   Guards (depth > near, opacity >= 1/255, finite sizes) are phrased so that NaN fails them. A splat whose colour is
 //   not finite keeps its tiles with opacity 0: it blends nothing. Every survivor touches at least one tile and has

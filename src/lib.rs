@@ -1,8 +1,8 @@
 //! The engine of instgs-vk: draws, and differentiates, scenes of 3D Gaussians with repeated objects, on Vulkan 1.3 compute.
 //!
 //! A scene keeps one *template* of Gaussians per kind of object. Each *instance* of it is a similarity transform and,
-//! optionally, *offsets*: small differences in position, base colour and opacity for every Gaussian of the template.
-//! What is not repeated is the *background*. A plain 3DGS cloud is the special case "background only", so there is one
+//! optionally, *offsets*: small differences in position, base colour, opacity and shape for every Gaussian of the template;
+//! a *colour matrix*, for the light where it stands; and Gaussians of its *own*. What is not repeated is the *background*. A plain 3DGS cloud is the special case "background only", so there is one
 //! scene type ([`scene::InstancedScene`]) and one renderer ([`render::Renderer`]). Instances are expanded on the
 //! device, every frame, chunk by chunk, for what the camera may see.
 //!
@@ -58,7 +58,7 @@
 //! Left: the data, and in brackets its index. Right: the kernel that makes it, from what stands above.
 //!
 //! ```text
-//! InstancedScene --upload--> DeviceScene: source pool = templates | background; instances; chunk bounds; offsets
+//! InstancedScene --upload--> DeviceScene: source pool = templates | own | background; instances; chunk bounds; offsets
 //! Camera, RenderOptions ---> View (push constants)
 //!
 //!   instance_chunks   [instance]           cull_instances               chunks worth testing, 0 if out of sight
@@ -138,9 +138,9 @@
 //!   is `x -> A x + t` with `A = s R`, s > 0 uniform, R a rotation. Lengths are scene units unless a name ends in
 //!   `_px`.
 //! - Eq. 6: `mean_world = A (mean_t + d_mean) + t`, `cov_world = A cov_t A^T`, SH coefficient 0 and opacity logit plus
-//!   their offsets. Offsets live in the template's frame, so an instance keeps its shape when it is moved. For ablations a
-//!   scene may also have offsets of the other SH coefficients, log scales and quaternions (added before normalising);
-//!   without them the kernels have no code for them.
+//!   their offsets. Offsets live in the template's frame, so an instance keeps its shape when it is moved. A scene may
+//!   also have offsets of log scales and quaternions (added before normalising), as the defaults train, and of the other
+//!   SH coefficients; without them the kernels have no code for them.
 //! - Places are refined in the template's frame: `A' = A e^s exp([w]x)`, `t' = t + A v` for the step (v, w, s).
 //! - Colour = `max(0, SH + 0.5)`, or `max(0, M (SH + 0.5) + b)` for an instance with a colour matrix (M | b); rgb in the
 //!   encoding of the training images (sRGB values). SH is evaluated in

@@ -1,5 +1,5 @@
 // How the colour of an instance follows from its template's. The including file declares the buffer. Scenes without such
-// matrices, which are nearly all, have kernels without their code.
+// matrices have kernels without their code.
 layout(constant_id = 9) const uint COLOR_MATRICES = 0;  // 1 = instances have colour matrices
 
 // True if a matrix changes the colours. Those of own Gaussians and of the background are as they are.

@@ -1,5 +1,5 @@
 // Shape of a Gaussian of an instance: the template's plus the instance's offset. The including file declares the
-// buffers. Kernels for scenes without such offsets, which are nearly all, omit the code.
+// buffers. Kernels for scenes without such offsets omit the code.
 layout(constant_id = 5) const uint OFFSET_LOG_SCALES = 0;  // 1 = the scene has offsets of log standard deviations
 layout(constant_id = 6) const uint OFFSET_QUATS = 0;       // 1 = the scene has offsets of quaternions
 

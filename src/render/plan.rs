@@ -31,7 +31,7 @@ pub struct FramePlan {
     pub size_px: [u32; 2],
     /// Numbers of tile columns and rows.
     pub tiles: [u32; 2],
-    /// Number of instances, background included.
+    /// Rows of the instance table: instances, their own ranges, levels of detail, and the background.
     pub instances: u32,
     /// Capacities of the growing buffers.
     pub capacities: Capacities,
