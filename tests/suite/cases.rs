@@ -247,6 +247,20 @@ fn the_whole_model_is_taken_and_a_larger_one_told_of() {
 }
 
 #[test]
+fn models_that_cannot_be_used_are_named() {
+    let case = Case::new("10");
+    fs::remove_file(case.at("sparse/0/images.txt")).unwrap();
+    let eval = "eval --scene scene.ply --data .";
+    case.run(eval).is_refused(&["sparse/0", "no images.bin and no images.txt"]);
+    fs::write(case.at("sparse/0/images.bin"), []).unwrap();
+    fs::remove_file(case.at("sparse/0/cameras.bin")).unwrap();
+    case.run(eval).is_refused(&["sparse/0", "both .bin or both .txt"]);
+    let case = Case::new("11");
+    fs::remove_dir_all(case.at("sparse/0")).unwrap();
+    case.run(eval).is_refused(&["sparse/1", "only", "sparse/0 is read", "rename"]);
+}
+
+#[test]
 fn masks_may_have_the_whole_name_of_their_photo() {
     if skips_gpu() {
         return;
@@ -371,6 +385,10 @@ fn advice_for_missing_points_works() {
     if skips_gpu() {
         return;
     }
+    // Who has followed it is not given it again.
+    let empty = case.train(".", "--steps 2 --set init=random --set init_count=100");
+    empty.is_warned(&["has no points", "not needed"]);
+    assert!(!empty.err.contains("--set init=random"), "{}", empty.err);
     let random = case.train("removed", "--steps 2 --set init=random --set init_count=100");
     assert_eq!(random.code, Some(0), "{}", random.err);
 }
@@ -434,6 +452,16 @@ fn views_without_a_photo_are_left_out_and_told_of() {
     said.is_warned(&["4 views of 6"]);
     let said = case.run("train --data . --out some --config quick --max-gaussians 400 --steps 2 --skip-missing");
     said.is_warned(&["4 views of 6"]);
+    // The first one is held out.
+    let photo = |name: &str| case.at(&format!("images/{name}"));
+    for name in ["001.PNG", "004.png", "005.png"] {
+        if photo(name).exists() {
+            fs::remove_file(photo(name)).unwrap();
+        }
+    }
+    let said = case.run("eval --scene scene.ply --data . --split all");
+    assert!(said.code == Some(1) && said.err.contains("put the photos there"), "{}", said.err);
+    assert!(!said.err.contains("--skip-missing"), "{}", said.err);
 }
 
 #[test]
@@ -482,6 +510,16 @@ fn masks_of_ids_are_not_masks_of_pixels() {
         image::GrayImage::from_fn(width, height, id).save(mask).unwrap();
     }
     case.train(".", "--steps 2").is_warned(&["mask_path names ids of objects", "all pixels are used"]);
+    // Of one object, they may be both.
+    for mask in &masks {
+        let (width, height) = image::image_dimensions(mask).unwrap();
+        image::GrayImage::from_fn(width, height, |x, _| image::Luma([if x < width / 3 { 255 } else { 0 }]))
+            .save(mask)
+            .unwrap();
+    }
+    let said =
+        case.run("train --data . --out both --config instgs_quick --max-gaussians 400 --steps 2 --masks m --dry-run");
+    said.is_warned(&["read twice", "ids of objects", "pixels that count"]);
 }
 
 #[test]

@@ -134,7 +134,7 @@ impl FindArgs {
     fn selected<'a>(&self, boxes: &'a Boxes) -> Result<&'a ObjectBox, CliError> {
         let fail = |what: String, advice: &str| Err(IoError::new(&self.boxes, what).advise(advice).into());
         match (self.object, boxes.objects.as_slice()) {
-            (_, []) => fail("has no box in the world".into(), "objects are needed, with center and size"),
+            (_, []) => fail("has no box in the world".into(), "give objects, each with id, center and size"),
             (None, [one]) => Ok(one),
             (None, all) => fail(format!("has {} objects", all.len()), "choose one with --object ID"),
             (Some(id), all) => match all.iter().find(|object| object.id == id) {

@@ -79,6 +79,32 @@ pub(crate) fn larger_model(dataset: &Path, used: &Path, images: usize) -> Option
     })
 }
 
+/// The error for a dataset whose COLMAP models cannot be used: one that lacks a file, or that lies in another folder than the one
+/// that is read. `None` if it has none.
+pub(crate) fn unusable_model(dataset: &Path) -> Option<IoError> {
+    let mut models: Vec<PathBuf> =
+        std::fs::read_dir(dataset.join("sparse")).ok()?.flatten().map(|entry| entry.path()).collect();
+    models.sort();
+    if let Some(whole) = models.iter().find(|model| kind_of(model).is_some()) {
+        let used = dataset.join("sparse/0");
+        let error = IoError::new(whole, format!("is a whole COLMAP model, and only {} is read", used.display()));
+        return Some(error.advise("rename the folder"));
+    }
+    let read_first = [dataset.join("sparse/0"), dataset.join("sparse")];
+    read_first.iter().chain(&models).find_map(|model| {
+        let is_there =
+            |stem: &str| ["bin", "txt"].iter().any(|ending| model.join(format!("{stem}.{ending}")).is_file());
+        let missing = match (is_there("cameras"), is_there("images")) {
+            (false, false) => return None,
+            (true, false) => "images.bin and no images.txt",
+            (false, true) => "cameras.bin and no cameras.txt",
+            (true, true) => "pair of cameras and images that are both .bin or both .txt",
+        };
+        let error = IoError::new(model, format!("is a COLMAP model that has no {missing}"));
+        Some(error.advise("have COLMAP export the whole model"))
+    })
+}
+
 /// Reads `cameras` and `images` of a model folder; `.bin` files take precedence over `.txt` if both are there.
 ///
 /// # Errors

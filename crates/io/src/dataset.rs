@@ -129,13 +129,16 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
             notes.extend(colmap::larger_model(folder, &model, count).or(unused));
         }
         None => {
+            if let Some(error) = colmap::unusable_model(folder) {
+                return Err(error);
+            }
             let what = match folder.metadata() {
                 Err(_) => "there is no such folder",
                 Ok(there) if there.is_dir() => "has no cameras",
                 Ok(_) => "is a file, and a dataset is a folder",
             };
             return Err(IoError::new(folder, what)
-                .advise("a dataset has transforms_train.json and transforms_test.json, transforms.json, or sparse/0"));
+                .advise("a dataset has transforms.json, or transforms_train.json, or a COLMAP model in sparse/0"));
         }
     }
     if views.is_empty() {
@@ -264,13 +267,17 @@ pub fn leave_out_missing(views: &mut Vec<View>, may_be_missing: MissingPhotos) -
             if count == 1 { String::new() } else { format!(", as are {} of the other {} photos", count - 1, all - 1) };
         let error = IoError::new(&path, format!("is missing{more}{near}"));
         return Err(error.advise(match may_be_missing {
-            MissingPhotos::Few => "put it there, or go on without such photos with --skip-missing",
-            MissingPhotos::Skip => "put the photos there",
+            MissingPhotos::Few if count < all => "put it there, or go on without such photos with --skip-missing",
+            _ => "put the photos there",
         }));
     }
     views.retain(|view| view.image_path.is_file());
-    let photos = if count == 1 { "1 view of".to_owned() } else { format!("{count} views of") };
-    Ok(Some(format!("{} is missing{near}: {photos} {all} without a photo are left out", path.display())))
+    let left_out = if count == 1 {
+        format!("1 view of {all} without a photo is left out")
+    } else {
+        format!("{count} views of {all} without a photo are left out")
+    };
+    Ok(Some(format!("{} is missing{near}: {left_out}", path.display())))
 }
 
 /// A file in the folder of a missing one whose name differs from it in case or ending only.

@@ -58,7 +58,7 @@ pub(super) struct Resumed {
 /// The error for a data set whose views are all held out.
 pub fn no_training_views(folder: &Path) -> IoError {
     let error = IoError::new(folder, "has no training views");
-    error.advise("its camera files hold out all views: let them name some to train on")
+    error.advise("all views that have a photo are for test: name some to train on in the camera files, or put missing photos there")
 }
 
 /// Finds the newest undamaged checkpoint of the run folder, if the job resumes and there is one.
@@ -135,7 +135,8 @@ pub(super) fn read_data(folder: &Path, config: &TrainConfig, needs_points: bool)
     let points = match read_points(folder) {
         Err(error) if needs_points => return Err(error.into()),
         Err(error) => {
-            warnings.push(format!("{error}; continuing without points"));
+            // Its advice would be to do what is done.
+            warnings.push(format!("{}; points are not needed here", IoError { advice: None, ..error }));
             PointCloud::default()
         }
         Ok(Some(loaded)) => {
@@ -280,7 +281,8 @@ pub fn leave_out_masked(
     let masked = views.iter().zip(&is_shown).find(|(_, shown)| !**shown);
     let warning = masked.map(|(view, _)| {
         let (count, path) = (is_shown.iter().filter(|shown| !**shown).count(), view.image_path.display());
-        format!("{path}: its mask leaves nothing to compare; {count} such test views are left out")
+        let left_out = if count == 1 { "it is left out".into() } else { format!("{count} such views are left out") };
+        format!("{path}: its mask leaves nothing to compare; {left_out}")
     });
     let mut shown = is_shown.into_iter();
     views.retain(|_| shown.next() == Some(true));
@@ -499,7 +501,7 @@ mod tests {
         };
         let mut views = vec![view("half", &[0, 255])?, view("none", &[0, 0])?, view("all", &[255, 255])?];
         let warning = leave_out_masked(&mut views, None, &mut || Ok(()))?.ok_or("no warning")?;
-        assert!(warning.contains("none.png") && warning.contains("1 such test view"), "{warning}");
+        assert!(warning.contains("none.png") && warning.contains("it is left out"), "{warning}");
         assert_eq!(views.iter().map(|view| view.camera.name.as_str()).collect::<Vec<_>>(), ["half", "all"]);
         assert_eq!(leave_out_masked(&mut views, None, &mut || Ok(()))?, None);
         Ok(())

@@ -157,6 +157,7 @@ fn print(report: &Report<'_>, printer: &Printer) {
     let [gaussians, background] = [report.gaussians, report.background].map(|count| grouped(count as u64));
     let out = report.out.display();
     printer.line(format_args!("masks and objects of every view: {}", RunFolder::new(report.out).review().display()));
-    printer
-        .line(format_args!("{out}: {gaussians} Gaussians, {background} in no object; next: register --segments {out}"));
+    printer.line(format_args!(
+        "{out}: {gaussians} Gaussians, {background} in no object; next: instgs-vk register --segments {out} --out DIR"
+    ));
 }

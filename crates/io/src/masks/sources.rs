@@ -129,7 +129,7 @@ impl Source {
         if files.is_empty() {
             let error = IoError::new(folder, "has no masks");
             return Err(error.advise(
-                "a mask is a PNG of instance ids named like its view's image; COCO, labelme and a PNG per object are read, too",
+                "a mask is a PNG named like its photo; masks of objects may also be COCO, labelme, or a PNG per object",
             ));
         }
         let mut index = NameIndex::default();

@@ -49,7 +49,25 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
         return Err(IoError::new(&folder, what).advise(advice));
     }
     let without = without_mask_line(&views_without_mask(&masks, &views)?, views.len());
-    Ok(masks.notes.into_iter().chain(without).collect())
+    let twice = read_twice_line(&masks, &views)?;
+    Ok(masks.notes.into_iter().chain(without).chain(twice).collect())
+}
+
+/// A warning if masks of objects are also masks of the pixels that count.
+fn read_twice_line(masks: &MaskFolder, views: &[View]) -> Result<Option<String>, IoError> {
+    for view in views {
+        let Some(of_pixels) = &view.mask_path else { continue };
+        let whole = |path: &std::path::Path| path.canonicalize().ok();
+        if masks.file_of(view)?.is_some_and(|of_objects| whole(of_objects) == whole(of_pixels)) {
+            return Ok(Some(format!(
+                "{}: masks are read twice: as ids of objects, and as the pixels that count, outside of which nothing is \
+                 trained; take mask_path or --pixel-masks out to train on whole photos, or give other masks of objects with \
+                 --masks",
+                of_pixels.display()
+            )));
+        }
+    }
+    Ok(None)
 }
 
 /// The names of the views that have no mask, in order.
