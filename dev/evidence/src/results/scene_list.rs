@@ -404,6 +404,18 @@ name = "none"
                 assert!(last.is_none() || last == of_size(key).as_ref(), "{}: {last:?}", job.name);
             }
         }
+        // The headline: what the instanced scene is compared with has 7,000 steps in all, whatever is drawn.
+        let headline = SceneList::read(&configs.join("results.toml"))?;
+        for (size, max_expanded) in [("long", None), ("same_cap", Some("joint.max_expanded=1"))] {
+            let jobs = headline.jobs(&configs, size)?;
+            assert_eq!(jobs.len(), 8);
+            for job in jobs {
+                assert_eq!(job.more_steps, Some(5000), "{}", job.name);
+                assert!(job.set.iter().any(|set| set == "max_gaussians=40000"), "{}", job.name);
+                let set = job.set.iter().find(|set| set.starts_with("joint.max_expanded"));
+                assert_eq!(set.map(String::as_str), max_expanded, "{}", job.name);
+            }
+        }
         let small = SceneList::read(&configs.join("bench/ci.toml"))?;
         assert!(!small.jobs(&configs, "ci")?.is_empty());
         Ok(())

@@ -312,11 +312,12 @@ fn segmentation(scenes: &[&SceneResult]) -> Option<Sheet> {
 
 /// Figures 5 and 8 of the paper: one table for each kind of setting; all runs of a scene start from one plain cloud.
 fn ablations(scenes: &[SceneResult]) -> Vec<Sheet> {
-    const TABLES: [(&str, &str, &str); 4] = [
+    const TABLES: [(&str, &str, &str); 5] = [
         ("offsets", "ablation_offsets", "Figure 5: what instances have of their own"),
         ("template", "ablation_template", "Figure 5: where the template comes from"),
         ("init", "ablation_init", "Figure 8: what offsets start from"),
         ("poses", "ablation_poses", "Whether poses are refined"),
+        ("joint", "ablation_joint", "What the joint phase may do"),
     ];
     let mut out = Vec::new();
     for (table, key, title) in TABLES {

@@ -38,6 +38,7 @@ use instgs_train::interrupt::Interrupt;
     instgs-vk tables configs/rescene.toml --size ci --out out/tables\n  \
     instgs-vk tables configs/rescene.toml --size ci --only cars,hall --out out/tables\n  \
     instgs-vk tables configs/rescene.toml --size ci --also same-bytes,spz --no-ablations --out out/tables\n  \
+    instgs-vk tables configs/results.toml --size long --seeds 0,1,2 --also at-once --out out/results\n  \
     instgs-vk tables configs/bench/ci.toml --out out/bench")]
 pub(super) struct TablesArgs {
     /// List of scenes, a TOML file
