@@ -257,7 +257,9 @@ fn models_that_cannot_be_used_are_named() {
     case.run(eval).is_refused(&["sparse/0", "both .bin or both .txt"]);
     let case = Case::new("11");
     fs::remove_dir_all(case.at("sparse/0")).unwrap();
-    case.run(eval).is_refused(&["sparse/1", "only", "sparse/0 is read", "rename"]);
+    case.run(eval).is_refused(&["sparse/1", "models are read from", "rename it to", "sparse/0"]);
+    fs::create_dir(case.at("sparse/0")).unwrap();
+    case.run(eval).is_refused(&["sparse/1", "exchange the names"]);
 }
 
 #[test]
@@ -387,7 +389,7 @@ fn advice_for_missing_points_works() {
     }
     // Who has followed it is not given it again.
     let empty = case.train(".", "--steps 2 --set init=random --set init_count=100");
-    empty.is_warned(&["has no points", "not needed"]);
+    empty.is_warned(&["has no points", "continuing without points"]);
     assert!(!empty.err.contains("--set init=random"), "{}", empty.err);
     let random = case.train("removed", "--steps 2 --set init=random --set init_count=100");
     assert_eq!(random.code, Some(0), "{}", random.err);
@@ -452,7 +454,7 @@ fn views_without_a_photo_are_left_out_and_told_of() {
     said.is_warned(&["4 views of 6"]);
     let said = case.run("train --data . --out some --config quick --max-gaussians 400 --steps 2 --skip-missing");
     said.is_warned(&["4 views of 6"]);
-    // The first one is held out.
+    // Without any photo there is nothing to go on with.
     let photo = |name: &str| case.at(&format!("images/{name}"));
     for name in ["001.PNG", "004.png", "005.png"] {
         if photo(name).exists() {
@@ -519,7 +521,7 @@ fn masks_of_ids_are_not_masks_of_pixels() {
     }
     let said =
         case.run("train --data . --out both --config instgs_quick --max-gaussians 400 --steps 2 --masks m --dry-run");
-    said.is_warned(&["read twice", "ids of objects", "pixels that count"]);
+    said.is_warned(&["used twice", "ids of objects", "mask of pixels"]);
 }
 
 #[test]

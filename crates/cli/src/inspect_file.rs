@@ -34,31 +34,31 @@ pub(super) struct CodedBytes {
     /// Number of its values.
     pub(super) values: u64,
     /// Bytes of entropy coded tokens.
-    pub(super) entropy_coded: u64,
+    pub(super) token_bytes: u64,
     /// Bytes of lower bits, which are stored as they are.
-    pub(super) as_they_are: u64,
+    pub(super) low_bit_bytes: u64,
     /// Bytes of steps and of tables of frequencies.
-    pub(super) tables: u64,
+    pub(super) table_bytes: u64,
 }
 
 impl CodedBytes {
     fn of(streams: &CodedStreams) -> Self {
         let values = (streams.rows * streams.width) as u64;
-        let [entropy_coded, as_they_are, tables] =
+        let [token_bytes, low_bit_bytes, table_bytes] =
             [streams.token_bytes, streams.low_bytes, streams.header_bytes].map(|bytes| bytes as u64);
-        Self { values, entropy_coded, as_they_are, tables }
+        Self { values, token_bytes, low_bit_bytes, table_bytes }
     }
 
-    /// A line about a tensor of that shape.
+    /// The tensor's layout as text.
     fn line(&self, streams: &CodedStreams) -> String {
         let bits = |bytes: u64| 8.0 * bytes as f64 / self.values.max(1) as f64;
         format!(
             "[{}, {}], {:.2} bits a value entropy coded, {:.2} as they are, {} bytes of tables",
             streams.rows,
             streams.width,
-            bits(self.entropy_coded),
-            bits(self.as_they_are),
-            self.tables
+            bits(self.token_bytes),
+            bits(self.low_bit_bytes),
+            self.table_bytes
         )
     }
 }
@@ -227,7 +227,7 @@ mod tests {
             let coded: Vec<_> = parts.iter().filter_map(|part| Some((part, part.coded?))).collect();
             assert_eq!(coded.is_empty(), pack != Pack::Small);
             for (part, coded) in coded {
-                assert_eq!(coded.entropy_coded + coded.as_they_are + coded.tables, part.bytes, "{}", part.name);
+                assert_eq!(coded.token_bytes + coded.low_bit_bytes + coded.table_bytes, part.bytes, "{}", part.name);
                 assert_eq!(part.rows > 0, coded.values > 0, "{}", part.name);
             }
             let gaussians = sums.templates + sums.own + sums.background;

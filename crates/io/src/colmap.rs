@@ -85,12 +85,16 @@ pub(crate) fn unusable_model(dataset: &Path) -> Option<IoError> {
     let mut models: Vec<PathBuf> =
         std::fs::read_dir(dataset.join("sparse")).ok()?.flatten().map(|entry| entry.path()).collect();
     models.sort();
-    if let Some(whole) = models.iter().find(|model| kind_of(model).is_some()) {
-        let used = dataset.join("sparse/0");
-        let error = IoError::new(whole, format!("is a whole COLMAP model, and only {} is read", used.display()));
-        return Some(error.advise("rename the folder"));
-    }
     let read_first = [dataset.join("sparse/0"), dataset.join("sparse")];
+    let place = read_first[0].display();
+    if let Some(whole) = models.iter().filter(|model| kind_of(model).is_some()).max_by_key(|model| count_images(model))
+    {
+        let error = IoError::new(whole, format!("is a whole COLMAP model, and models are read from {place}"));
+        return Some(match read_first[0].exists() {
+            true => error.advise("exchange the names of the two folders"),
+            false => error.advise(format!("rename it to {place}")),
+        });
+    }
     read_first.iter().chain(&models).find_map(|model| {
         let is_there =
             |stem: &str| ["bin", "txt"].iter().any(|ending| model.join(format!("{stem}.{ending}")).is_file());

@@ -163,6 +163,10 @@ mod tests {
         );
         assert!(unlike > 2, "{unlike}");
         assert!(!notes(ExportFormat::Glb).contains("differ") && !notes(ExportFormat::Sog).contains("differ"));
+        // The instances of a .glb may differ in shape.
+        let shapes =
+            ExportedScene::default().notes(Path::new("x"), &instgs_samples::with_ablations(), ExportFormat::Glb);
+        assert!(!shapes.concat().contains("shape"), "{shapes:?}");
     }
 
     #[test]

@@ -247,14 +247,14 @@ impl<'a> Reader<'a> {
             }
             // Positions say how many rows the other tensors of a group have, and poses how many instances there are: neither must
             // claim more memory than the file's size makes plausible.
-            if (rows.is_none() || name.ends_with(".means")) && !is_plausible(has_rows, data.len()) {
+            let group = name.split('.').next().unwrap_or_default();
+            if (rows.is_none() || name.ends_with(".means")) && !is_plausible(group, has_rows, data.len()) {
                 return Err(fail(TableError::Implausible { rows: has_rows, bytes: data.len() }));
             }
             let is_quats = name.ends_with(".quats") && !name.starts_with("offset.");
             if is_table {
                 return small_values(data, is_quats).map_err(fail);
             }
-            let group = name.split('.').next().unwrap_or_default();
             self.read_classes(group, has_rows)?;
             return decoded_values(data, &self.classes[group], is_quats).map_err(fail);
         }

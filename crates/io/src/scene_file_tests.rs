@@ -179,7 +179,7 @@ fn coded_poses_that_claim_more_rows_than_their_bytes_make_plausible_are_refused(
     let table =
         [&ROWS.to_le_bytes()[..], &u32::from(numbers).to_le_bytes(), &256u32.to_le_bytes(), &[0; 8000]].concat();
     for (suffix, bytes) in [(CODED, coded), (SUFFIX, table)] {
-        let what = format!("claims {ROWS} rows in {} bytes, more than they can hold", bytes.len());
+        let what = format!("claims {ROWS} rows in {} bytes, more than is plausible", bytes.len());
         let name = format!("instance.world_from_template{suffix}");
         let place = format!("tensor {name}: ");
         let refused = changed(|tensors, _| {

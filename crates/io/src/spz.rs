@@ -19,7 +19,7 @@ use std::path::Path;
 use crate::bytes::Cursor;
 use crate::error::{BY_ENDING, IoError, Place};
 use crate::host_memory::{available_bytes, check_reading};
-use crate::plausible::most_gaussians;
+use crate::plausible::{AS_PLY, most_gaussians};
 use crate::spz_axes::Extensions;
 use crate::spz_codec::{self, Layout};
 use crate::{cut_note, read_bytes};
@@ -151,7 +151,9 @@ impl Header {
     /// Checks that so many splats are plausible in a file of so many bytes.
     fn check_count(&self, file_bytes: usize, path: &Path) -> Result<(), IoError> {
         if u64::from(self.splats) > most_gaussians(file_bytes as u64) {
-            return Err(self.too_many(file_bytes, path));
+            let what =
+                format!("the header claims {} splats in {file_bytes} bytes, more than is plausible", self.splats);
+            return Err(IoError::new(path, what).at(Place::Field("numPoints".into())).advise(AS_PLY));
         }
         Ok(())
     }

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use crate::atomic_write;
 use crate::error::IoError;
+use crate::plausible::check_written;
 use crate::spz::{FLAG_ANTIALIAS, HEADER_BYTES_V4};
 use crate::spz_codec;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE};
@@ -146,6 +147,7 @@ pub fn spz_bytes(cloud: &Gaussians, antialias: bool, path: &Path) -> Result<Vec<
         out.extend_from_slice(&plain_bytes.to_le_bytes());
     }
     streams.iter().for_each(|(_, packed)| out.extend_from_slice(packed));
+    check_written(cloud.len(), out.len(), path)?;
     Ok(out)
 }
 

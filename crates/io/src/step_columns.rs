@@ -80,7 +80,7 @@ pub enum TableError {
     #[error("has no classes of precision for its rows")]
     Classes,
     /// There are more rows than the bytes make plausible.
-    #[error("claims {rows} rows in {bytes} bytes, more than they can hold")]
+    #[error("claims {rows} rows in {bytes} bytes, more than is plausible")]
     Implausible {
         /// The number of rows.
         rows: usize,

@@ -135,8 +135,9 @@ pub(super) fn read_data(folder: &Path, config: &TrainConfig, needs_points: bool)
     let points = match read_points(folder) {
         Err(error) if needs_points => return Err(error.into()),
         Err(error) => {
-            // Its advice would be to do what is done.
-            warnings.push(format!("{}; points are not needed here", IoError { advice: None, ..error }));
+            // For a random start the advice would be to do what is done.
+            let advice = error.advice.filter(|_| config.init != Init::Random);
+            warnings.push(format!("{}; continuing without points", IoError { advice, ..error }));
             PointCloud::default()
         }
         Ok(Some(loaded)) => {

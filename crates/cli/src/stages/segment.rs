@@ -158,6 +158,6 @@ fn print(report: &Report<'_>, printer: &Printer) {
     let out = report.out.display();
     printer.line(format_args!("masks and objects of every view: {}", RunFolder::new(report.out).review().display()));
     printer.line(format_args!(
-        "{out}: {gaussians} Gaussians, {background} in no object; next: instgs-vk register --segments {out} --out DIR"
+        "{out}: {gaussians} Gaussians, {background} in no object; next: instgs-vk register --segments {out} --out groups.json"
     ));
 }

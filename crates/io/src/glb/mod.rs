@@ -4,8 +4,8 @@
 //! Every instance is a node with its `world_from_template` as rotation, scale and translation, and a mesh of points.
 //! The meshes of a template share its accessors for scale, rotation and SH of degree 1 and more; each run of offsets
 //! has its own position, opacity and SH of degree 0: 28 bytes per Gaussian; with offsets of shape scale and rotation, too: 56 bytes.
-//! What the instances of a template differ in tells readers less and less that they are alike, so a mesh's `extras` has the number
-//! of its template (`instgs_template`). Instances without offsets, or with the same ones, share a mesh. Own Gaussians of an instance are a mesh of a node below the instance's. The background is one more
+//! These share no accessor, so a mesh's `extras` has the number of its template (`instgs_template`). Instances without offsets, or
+//! with the same ones, share a mesh. Own Gaussians of an instance are a mesh of a node below the instance's. The background is one more
 //! mesh. Viewers that support the extension rotate SH with the node, as the renderer here does with instances, so the
 //! picture equals that of the expanded scene. They need not support sharing between meshes.
 //!

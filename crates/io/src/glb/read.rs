@@ -1,6 +1,6 @@
 //! Reading `.glb`: the meshes of binary glTF 2.0 that have `KHR_gaussian_splatting`, as a scene.
 //!
-//! Meshes that are placed several times become templates (`read_scene.rs`). Colours are taken as they are: those of
+//! Meshes of one template, and meshes that are placed several times, become instances (`read_scene.rs`). Colours are taken as they are: those of
 //! `lin_rec709_display` are noted. Vertex colours, other meshes and data outside of the file are not read. A file that requires
 //! an extension which is not read is refused; what it may be shown without is left out.
 //!

@@ -29,27 +29,27 @@ pub(super) struct Part {
 
 /// What all instances of a template share.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Shape {
+enum TemplateKey {
     /// The number of the template, in a file of this program, and what another program may have changed since: how many
     /// Gaussians and SH coefficients above 0 there are.
-    Written { template: u64, gaussians: usize, sh_rest: usize },
+    Tagged { template: u64, gaussians: usize, sh_rest: usize },
     /// The accessors of rotation and scale, and the number of SH coefficients above 0.
-    Accessors { rotation: usize, scale: usize, sh_rest: usize },
+    SameShape { rotation: usize, scale: usize, sh_rest: usize },
 }
 
-impl Shape {
+impl TemplateKey {
     fn of(part: &Part, values: &Values<'_>) -> Result<Self, IoError> {
         let Attributes { position, rotation, scale, ref sh_rest, .. } = part.attributes;
         let sh_rest = sh_rest.len();
         Ok(match part.template {
-            Some(template) => Self::Written { template, gaussians: values.count(position)?, sh_rest },
-            None => Self::Accessors { rotation, scale, sh_rest },
+            Some(template) => Self::Tagged { template, gaussians: values.count(position)?, sh_rest },
+            None => Self::SameShape { rotation, scale, sh_rest },
         })
     }
 
     /// Whether so many meshes make a template: what was an instance stays one.
     fn is_template(&self, users: usize) -> bool {
-        users > 1 || matches!(self, Self::Written { .. })
+        users > 1 || matches!(self, Self::Tagged { .. })
     }
 }
 
@@ -76,7 +76,7 @@ impl Placement {
     }
 }
 
-/// The template of a shape.
+/// A template, and which runs of offsets it has.
 struct Template {
     index: u32,
     cloud: Gaussians,
@@ -93,7 +93,9 @@ pub(super) fn scene_of(
     values: &Values<'_>,
     notes: &mut Vec<String>,
 ) -> Result<InstancedScene, IoError> {
-    check_count(parts, values)?;
+    let keys = parts.iter().map(|part| TemplateKey::of(part, values)).collect::<Result<Vec<_>, _>>()?;
+    let meshes: Meshes<'_> = parts.iter().map(|part| &part.attributes).zip(&keys).collect();
+    check_count(&meshes, values)?;
     let scales_are_logs = values.has_negative_scale(parts.iter().map(|part| &part.attributes))?;
     if scales_are_logs {
         notes.push("has negative scales: all are read as logarithms, as in drafts of the extension".into());
@@ -104,14 +106,13 @@ pub(super) fn scene_of(
     if lost > 0 {
         notes.push(format!("has {lost} meshes of Gaussians that their nodes flatten or mirror, which are left out"));
     }
-    let shapes = parts.iter().map(|part| Shape::of(part, values)).collect::<Result<Vec<_>, _>>()?;
-    let mut users: BTreeMap<&Shape, Vec<&Attributes>> = BTreeMap::new();
-    for ((part, shape), placement) in parts.iter().zip(&shapes).zip(&placements) {
+    let mut users: BTreeMap<&TemplateKey, Vec<&Attributes>> = BTreeMap::new();
+    for ((part, key), placement) in parts.iter().zip(&keys).zip(&placements) {
         if matches!(placement, Placement::Similar(_)) {
-            users.entry(shape).or_default().push(&part.attributes);
+            users.entry(key).or_default().push(&part.attributes);
         }
     }
-    users.retain(|shape, users| shape.is_template(users.len()));
+    users.retain(|key, users| key.is_template(users.len()));
     // SH coefficients above 0 up to the last one in which an instance differs from its template.
     let differ = |users: &Vec<&Attributes>| {
         let of_user = |user: &&Attributes| user.sh_rest.iter().zip(&users[0].sh_rest).rposition(|(a, b)| a != b);
@@ -133,12 +134,12 @@ pub(super) fn scene_of(
     };
     builder.scene.templates.sh_degree = builder.sh_degree;
     let mut background = Vec::new();
-    check_memory(parts.iter().map(|part| &part.attributes).zip(&shapes), &users, kinds, values)?;
+    check_memory(&meshes, &users, kinds, values)?;
     check_copies(parts, &placements, values)?;
-    for ((part, shape), placement) in parts.iter().zip(&shapes).zip(placements) {
+    for ((part, key), placement) in parts.iter().zip(&keys).zip(placements) {
         match placement {
-            Placement::Similar(similarity) if users.contains_key(shape) => {
-                builder.push_instance(&part.attributes, shape, similarity)?;
+            Placement::Similar(similarity) if users.contains_key(key) => {
+                builder.push_instance(&part.attributes, key, similarity)?;
             }
             Placement::Similar(similarity) => background.push(values.cloud(&part.attributes)?.placed(similarity)),
             Placement::Affine(matrix) => background.push(stretched(&values.cloud(&part.attributes)?, matrix)),
@@ -152,11 +153,14 @@ pub(super) fn scene_of(
     Ok(scene)
 }
 
+/// The different meshes; one that is an instance of two templates counts twice, since both get its Gaussians.
+type Meshes<'a> = BTreeSet<(&'a Attributes, &'a TemplateKey)>;
+
 /// Checks that the Gaussians of all different meshes are fewer than the bytes of the file: each has at least a byte that is
 /// its own, unless accessors overlap.
-fn check_count(parts: &[Part], values: &Values<'_>) -> Result<(), IoError> {
+fn check_count(meshes: &Meshes<'_>, values: &Values<'_>) -> Result<(), IoError> {
     let mut count = 0usize;
-    for attributes in meshes(parts) {
+    for (attributes, _) in meshes {
         count = count.saturating_add(values.count(attributes.position)?);
     }
     if count > values.binary.len() {
@@ -166,23 +170,17 @@ fn check_count(parts: &[Part], values: &Values<'_>) -> Result<(), IoError> {
     Ok(())
 }
 
-/// The different meshes.
-fn meshes(parts: &[Part]) -> BTreeSet<&Attributes> {
-    parts.iter().map(|part| &part.attributes).collect()
-}
-
-/// Checks memory for all different meshes. Of those that become instances with offsets the first of each shape is the template.
-fn check_memory<'a>(
-    parts: impl Iterator<Item = (&'a Attributes, &'a Shape)>,
-    users: &BTreeMap<&Shape, Vec<&Attributes>>,
+/// Checks memory for all different meshes. Of those that become instances with offsets the first of each template is the template.
+fn check_memory(
+    meshes: &Meshes<'_>,
+    users: &BTreeMap<&TemplateKey, Vec<&Attributes>>,
     kinds: OffsetKinds,
     values: &Values<'_>,
 ) -> Result<(), IoError> {
     let (mut need, mut templates) = (0u64, BTreeSet::new());
     let record_bytes = kinds.record_bytes();
-    let meshes: BTreeSet<_> = parts.collect();
-    for (attributes, shape) in meshes {
-        let is_instance = users.contains_key(shape) && !templates.insert(shape);
+    for &(attributes, key) in meshes {
+        let is_instance = users.contains_key(key) && !templates.insert(key);
         // Clouds are there twice while they are joined.
         let each = if is_instance { record_bytes } else { 2 * gaussian_bytes(attributes.sh_degree()) };
         need = need.saturating_add((values.count(attributes.position)? as u64).saturating_mul(each));
@@ -207,7 +205,7 @@ fn check_copies(parts: &[Part], placements: &[Placement], values: &Values<'_>) -
 struct OffsetKinds {
     /// SH coefficients above 0, in whole bands.
     sh_rest: usize,
-    /// Whether scales and rotations are among it.
+    /// Whether log scales and quaternions differ.
     shape: bool,
 }
 
@@ -225,7 +223,7 @@ struct Builder<'a> {
     /// SH degree of the templates.
     sh_degree: u32,
     kinds: OffsetKinds,
-    templates: BTreeMap<Shape, Template>,
+    templates: BTreeMap<TemplateKey, Template>,
     scene: InstancedScene,
 }
 
@@ -234,10 +232,10 @@ impl Builder<'_> {
     fn push_instance(
         &mut self,
         attributes: &Attributes,
-        shape: &Shape,
+        key: &TemplateKey,
         world_from_template: Similarity,
     ) -> Result<(), IoError> {
-        let template = match self.templates.entry(shape.clone()) {
+        let template = match self.templates.entry(key.clone()) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(place) => {
                 let mut cloud = self.values.cloud(attributes)?;
@@ -274,8 +272,8 @@ fn whole_bands(count: usize) -> usize {
     (0..=MAX_SH_DEGREE).map(|degree| sh_coefficients(degree) - 1).find(|&rest| rest >= count).unwrap_or(count)
 }
 
-/// Appends the differences of an instance's cloud from its template's, which has as many Gaussians and agrees in all that `kinds`
-/// does not name.
+/// Appends the differences of an instance's cloud from its template's, which has as many Gaussians. Besides positions, base colours
+/// and opacities they differ only in what `kinds` names.
 fn push_offsets(offsets: &mut Offsets, template: &Gaussians, shown: &Gaussians, kinds: OffsetKinds) {
     let difference = |(a, b): (&[f32; 3], &[f32; 3])| (widened(*a) - widened(*b)).to_array().map(|v| v as f32);
     offsets.means.extend(shown.means.iter().zip(&template.means).map(difference));

@@ -70,7 +70,8 @@ fn scenes_survive_writing_and_reading() -> Outcome {
             assert!(notes.is_empty(), "{notes:?}");
             assert_eq!((back.instances.len(), back.offsets.len()), (instances, records));
             assert_eq!(back.offsets.sh_degree(), degree);
-            assert_eq!(back.offsets.quats.len(), if scene.offsets.quats.is_empty() { 0 } else { records });
+            let of_shape = if scene.offsets.quats.is_empty() { 0 } else { records };
+            assert_eq!((back.offsets.quats.len(), back.offsets.log_scales.len()), (of_shape, of_shape));
             assert_same_cloud(&back.flatten(), &scene.flatten());
             // Once more: nothing is lost on the way.
             let again = parse_glb(&written(&back, up)?, path())?.scene;
@@ -78,6 +79,45 @@ fn scenes_survive_writing_and_reading() -> Outcome {
         }
     }
     assert_eq!(parse_glb(&written(&InstancedScene::default(), DVec3::Y)?, path())?, GlbScene::default());
+    Ok(())
+}
+
+/// What was an instance stays one, if it is the only one of its template; meshes of one template that another program has changed
+/// are templates of their own, and each template's Gaussians count.
+#[test]
+fn numbers_of_templates_are_obeyed() -> Outcome {
+    let mut one = sample_scene();
+    one.instances.truncate(1);
+    let back = parse_glb(&written(&one, DVec3::NEG_Y)?, path())?.scene;
+    assert_eq!((back.instances.len(), back.background.len()), (1, one.background.len()));
+    assert_same_cloud(&back.flatten(), &one.flatten());
+    // The same mesh as an instance of two templates.
+    let tagged = |number: u32| {
+        let mesh = foreign_json("")
+            .split("\"meshes\":[")
+            .nth(1)
+            .and_then(|rest| rest.split("],\n        \"accessors\"").next())
+            .map(str::to_owned);
+        mesh.map(|mesh| mesh.replacen('{', &format!("{{\"extras\":{{\"instgs_template\":{number}}},"), 1))
+    };
+    let (first, second) = tagged(0).zip(tagged(1)).ok_or("no mesh")?;
+    let whole = foreign_json(r#"{"children":[1,2]},{"mesh":0},{"mesh":1}"#);
+    let plain = whole
+        .split("\"meshes\":[")
+        .nth(1)
+        .and_then(|rest| rest.split("],\n        \"accessors\"").next())
+        .ok_or("no mesh")?;
+    let json = whole.replacen(plain, &format!("{first},{second}"), 1);
+    let scene = parse_glb(&container(&json, &foreign_binary()), path())?.scene;
+    assert_eq!((scene.instances.len(), scene.template_ranges.len(), scene.templates.len()), (2, 2, 4));
+    // Not all bytes of a file can be Gaussians of many templates.
+    let many: Vec<String> = (0..50).map(|number| tagged(number).unwrap_or_default()).collect();
+    let nodes: Vec<String> = (0..50).map(|mesh| format!("{{\"mesh\":{mesh}}}")).collect();
+    let children: Vec<String> = (1..=50).map(|child| child.to_string()).collect();
+    let whole = foreign_json(&format!("{{\"children\":[{}]}},{}", children.join(","), nodes.join(",")));
+    let json = whole.replacen(plain, &many.join(","), 1);
+    let error = parse_glb(&container(&json, &foreign_binary()), path()).err().ok_or("too many are read")?;
+    assert!(error.to_string().contains("claims 100 Gaussians"), "{error}");
     Ok(())
 }
 

@@ -29,7 +29,7 @@ pub use sensitivity::{Sensitivity, SmallOptions};
 pub use shapes::LOG_COVARIANCES;
 pub(crate) use shapes::{offset_shapes_from, shapes_from};
 
-use crate::plausible::most_gaussians;
+use crate::plausible::{most_gaussians, most_offsets};
 use crate::scene_pack::floats;
 use crate::step_columns::TableError;
 use field::{Centre, Classes, Follows, Memory, Part, Plan};
@@ -42,9 +42,10 @@ pub const CODED: &str = ".coded";
 /// Name of the tensor of a group's classes of precision, without the group and [`CODED`].
 pub(crate) const PRECISION: &str = "precision";
 
-/// True if so many rows of positions are plausible in a coded tensor of `bytes`.
-pub(crate) fn is_plausible(rows: usize, bytes: usize) -> bool {
-    rows as u64 <= most_gaussians(bytes as u64)
+/// True if so many rows of positions are plausible in a coded tensor of `bytes`, which is one of a cloud or of the group "offset".
+pub(crate) fn is_plausible(group: &str, rows: usize, bytes: usize) -> bool {
+    let most = if group == "offset" { most_offsets } else { most_gaussians };
+    rows as u64 <= most(bytes as u64)
 }
 
 /// The number of rows of a coded tensor, and of values per row.
@@ -105,7 +106,7 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
         let name = format!("{group}.{}", field.name);
         let how = plan.of_field(f, field);
         let bytes = field.can_be_coded.then(|| field::encode(&field.values, table.rows, &how)).flatten();
-        match bytes.filter(|bytes| !field.is_position() || is_plausible(table.rows, bytes.len())) {
+        match bytes.filter(|bytes| !field.is_position() || is_plausible(group, table.rows, bytes.len())) {
             Some(bytes) => {
                 any = true;
                 out.push((name + CODED, coded(bytes)));

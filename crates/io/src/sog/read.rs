@@ -10,7 +10,7 @@ use super::image::Image;
 use super::meta::{META, Means, Meta, Palette};
 use crate::error::{IoError, Place};
 use crate::host_memory::{available_bytes, check_reading, gaussian_bytes};
-use crate::plausible::most_gaussians;
+use crate::plausible::{AS_PLY, most_gaussians};
 use crate::{logit_of_byte, read_bytes};
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
@@ -87,8 +87,8 @@ impl Reader<'_, '_> {
         let meta = self.meta;
         let count = meta.count as usize;
         if u64::from(meta.count) > self.most_pixels() {
-            let what = format!("claims {count} Gaussians in {} bytes, more than they can hold", self.file_bytes);
-            return Err(IoError::new(self.path, what).at(Place::Field("count".into())));
+            let what = format!("claims {count} Gaussians in {} bytes, more than is plausible", self.file_bytes);
+            return Err(IoError::new(self.path, what).at(Place::Field("count".into())).advise(AS_PLY));
         }
         let palette = meta.sh_rest.as_ref().filter(|palette| palette.bands > 0);
         let sh_degree = palette.map_or(0, |palette| palette.bands);
@@ -110,6 +110,7 @@ impl Reader<'_, '_> {
         let ([sh0], dc_values) = (&meta.sh0.files, meta.sh0.values("sh0", self.path)?);
         let image = self.image(sh0)?;
         let rest = palette.map(|palette| self.rest(palette)).transpose()?;
+        out.sh.reserve_exact(count * sh_coefficients(sh_degree));
         for i in 0..count {
             let [r, g, b, alpha] = image.pixel(i);
             out.sh.push(self.coded([r, g, b], &dc_values, "sh0")?);
@@ -132,7 +133,7 @@ impl Reader<'_, '_> {
         Image::decode(&(self.file)(name)?, most, name, self.path)
     }
 
-    /// The most pixels that are plausible in an image of the file: it has one for each Gaussian.
+    /// The most pixels that are plausible in an image of the file: most have one for each Gaussian.
     fn most_pixels(&self) -> u64 {
         most_gaussians(self.file_bytes)
     }

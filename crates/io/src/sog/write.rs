@@ -16,6 +16,7 @@ use super::palette::{Rows, palette};
 use super::read::{ENTRIES_PER_ROW, FIRST_TAG, position_of};
 use crate::atomic_write;
 use crate::error::IoError;
+use crate::plausible::check_written;
 use crate::spz::Clamped;
 use instgs_vk::math::covariance::{normalised_quat, sigmoid};
 use instgs_vk::math::morton::morton_order;
@@ -117,9 +118,11 @@ pub fn sog_bytes(cloud: &Gaussians, antialias: bool, path: &Path) -> Result<Vec<
     for (name, image) in images {
         files.push((name, image.encode(path)?));
     }
-    archive::stored(&files).ok_or_else(|| {
+    let bytes = archive::stored(&files).ok_or_else(|| {
         IoError::new(path, "cannot write: more than the 4 GiB that an archive can hold").advise("keep it as .instgs")
-    })
+    })?;
+    check_written(cloud.len(), bytes.len(), path)?;
+    Ok(bytes)
 }
 
 /// Logarithm of a coordinate with its sign, which positions are stored by.

@@ -49,25 +49,27 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
         return Err(IoError::new(&folder, what).advise(advice));
     }
     let without = without_mask_line(&views_without_mask(&masks, &views)?, views.len());
-    let twice = read_twice_line(&masks, &views)?;
+    let twice = read_twice_line(&masks, &views);
     Ok(masks.notes.into_iter().chain(without).chain(twice).collect())
 }
 
-/// A warning if masks of objects are also masks of the pixels that count.
-fn read_twice_line(masks: &MaskFolder, views: &[View]) -> Result<Option<String>, IoError> {
+/// A warning if a mask of objects is also a mask of pixels.
+fn read_twice_line(masks: &MaskFolder, views: &[View]) -> Option<String> {
     for view in views {
         let Some(of_pixels) = &view.mask_path else { continue };
+        // Files of several objects, and masks that are drawn, are no masks of pixels.
+        let Ok(Some(of_objects)) = masks.file_of(view) else { continue };
         let whole = |path: &std::path::Path| path.canonicalize().ok();
-        if masks.file_of(view)?.is_some_and(|of_objects| whole(of_objects) == whole(of_pixels)) {
-            return Ok(Some(format!(
-                "{}: masks are read twice: as ids of objects, and as the pixels that count, outside of which nothing is \
-                 trained; take mask_path or --pixel-masks out to train on whole photos, or give other masks of objects with \
-                 --masks",
+        if whole(of_objects) == whole(of_pixels) {
+            return Some(format!(
+                "{}: is used twice: as a mask of ids of objects, and as a mask of pixels, so that only the objects' pixels are \
+                 trained on; remove mask_path from the camera file (or leave out --pixel-masks) to train on whole photos, or \
+                 name other masks of objects with --masks",
                 of_pixels.display()
-            )));
+            ));
         }
     }
-    Ok(None)
+    None
 }
 
 /// The names of the views that have no mask, in order.

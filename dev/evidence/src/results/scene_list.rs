@@ -404,7 +404,7 @@ name = "none"
                 assert!(last.is_none() || last == of_size(key).as_ref(), "{}: {last:?}", job.name);
             }
         }
-        // The headline: what the instanced scene is compared with has 7,000 steps in all, whatever is drawn.
+        // The headline: the rivals are trained 5,000 steps more than the start, which the preset says.
         let headline = SceneList::read(&configs.join("results.toml"))?;
         for (size, max_expanded) in [("long", None), ("same_cap", Some("joint.max_expanded=1"))] {
             let jobs = headline.jobs(&configs, size)?;

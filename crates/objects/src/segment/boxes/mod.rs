@@ -247,8 +247,8 @@ fn drop_boxes_of(ids: &BTreeSet<u32>, placed: &mut PlacedBoxes, notes: &mut Vec<
 
 fn left_note(joined: &Joined) -> Option<String> {
     let text = format!(
-        "{} boxes without an id match no object in three views and were left out (the same id on the boxes of an object says \
-         that they are of one); {} objects were found",
+        "{} boxes without an id match no object in three views and were left out; {} objects were found; boxes of one object that have \
+         the same id need no match",
         joined.left, joined.objects
     );
     (joined.left > 0).then_some(text)
