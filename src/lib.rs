@@ -2,9 +2,10 @@
 //!
 //! A scene keeps one *template* of Gaussians per kind of object. Each *instance* of it is a similarity transform and,
 //! optionally, *offsets*: small differences in position, base colour, opacity and shape for every Gaussian of the template;
-//! a *colour matrix*, for the light where it stands; and Gaussians of its *own*. What is not repeated is the *background*. A plain 3DGS cloud is the special case "background only", so there is one
-//! scene type ([`scene::InstancedScene`]) and one renderer ([`render::Renderer`]). Instances are expanded on the
-//! device, every frame, chunk by chunk, for what the camera may see.
+//! a *colour matrix*, for the light where it stands; and Gaussians of its *own*. What is not repeated is the *background*.
+//! A plain 3DGS cloud is the special case "background only", so there is one scene type ([`scene::InstancedScene`]) and one
+//! renderer ([`render::Renderer`]). Instances are expanded on the device, every frame, chunk by chunk, for what the camera
+//! may see.
 //!
 //! ```no_run
 //! use instgs_vk::gpu::{Gpu, GpuOptions};

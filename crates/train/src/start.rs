@@ -58,7 +58,8 @@ pub(super) struct Resumed {
 /// The error for a data set whose views are all held out.
 pub fn no_training_views(folder: &Path) -> IoError {
     let error = IoError::new(folder, "has no training views");
-    error.advise("all views that have a photo are for test: name some to train on in the camera files, or put missing photos there")
+    error
+        .advise("all views with a photo are for test: name some to train on in the camera files, or add missing photos")
 }
 
 /// Finds the newest undamaged checkpoint of the run folder, if the job resumes and there is one.

@@ -1,13 +1,14 @@
 //! `.glb`: binary glTF 2.0 with `KHR_gaussian_splatting`. What is read stands in `read.rs`; what is written, here:
 //! instances are not expanded.
 //!
-//! Every instance is a node with its `world_from_template` as rotation, scale and translation, and a mesh of points.
-//! The meshes of a template share its accessors for scale, rotation and SH of degree 1 and more; each run of offsets
-//! has its own position, opacity and SH of degree 0: 28 bytes per Gaussian; with offsets of shape scale and rotation, too: 56 bytes.
-//! These share no accessor, so a mesh's `extras` has the number of its template (`instgs_template`). Instances without offsets, or
-//! with the same ones, share a mesh. Own Gaussians of an instance are a mesh of a node below the instance's. The background is one more
-//! mesh. Viewers that support the extension rotate SH with the node, as the renderer here does with instances, so the
-//! picture equals that of the expanded scene. They need not support sharing between meshes.
+//! Every instance is a node with its `world_from_template` as rotation, scale and translation, and a mesh of points. The
+//! meshes of a template share its accessors for scale, rotation and SH of degree 1 and more; each run of offsets has its
+//! own position, opacity and SH of degree 0: 28 bytes per Gaussian; with offsets of shape scale and rotation, too: 56
+//! bytes. These share no accessor, so a mesh's `extras` has the number of its template (`instgs_template`). Instances
+//! without offsets, or with the same ones, share a mesh. Own Gaussians of an instance are a mesh of a node below the
+//! instance's. The background is one more mesh. Viewers that support the extension rotate SH with the node, as the renderer
+//! here does with instances, so the picture equals that of the expanded scene. They need not support sharing between
+//! meshes.
 //!
 //! glTF is right-handed with y up; scenes keep the axes of their training data, mostly with y down (COLMAP). The
 //! vertices keep the scene's axes, and the root node rotates its `up` to +y: the scene is upright in a viewer, and its
