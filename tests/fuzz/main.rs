@@ -128,6 +128,5 @@ fn a_few_kilobytes_take_no_more_than_64_mib() {
     assert!(is_read(sog::parse_sog, &file), "{sog}");
     let (file, small) = fullest(small);
     assert!(is_read(scene_file::parse_scene_file, &file), "{small}");
-    println!("Gaussians in {FEW_BYTES} bytes: spz {spz}, sog {sog}, small {small}");
     assert!(spz > 10_000 && sog > 20_000 && small > 1_500, "{spz} {sog} {small}");
 }
