@@ -19,48 +19,13 @@ pub(super) struct FilePart {
     pub(super) layout: Option<String>,
     /// What an entropy coded tensor's bytes are.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) coded: Option<CodedBytes>,
+    pub(super) coded: Option<CodedStreams>,
     pub(super) bytes: u64,
     /// The first dimension of a tensor; for a coded table its number of rows.
     #[serde(skip)]
     pub(super) rows: u64,
     #[serde(skip)]
     pub(super) purpose: Purpose,
-}
-
-/// The bytes of an entropy coded tensor.
-#[derive(Clone, Copy, serde::Serialize)]
-pub(super) struct CodedBytes {
-    /// Number of its values.
-    pub(super) values: u64,
-    /// Bytes of entropy coded tokens.
-    pub(super) token_bytes: u64,
-    /// Bytes of lower bits, which are stored as they are.
-    pub(super) low_bit_bytes: u64,
-    /// Bytes of steps and of tables of frequencies.
-    pub(super) table_bytes: u64,
-}
-
-impl CodedBytes {
-    fn of(streams: &CodedStreams) -> Self {
-        let values = (streams.rows * streams.width) as u64;
-        let [token_bytes, low_bit_bytes, table_bytes] =
-            [streams.token_bytes, streams.low_bytes, streams.header_bytes].map(|bytes| bytes as u64);
-        Self { values, token_bytes, low_bit_bytes, table_bytes }
-    }
-
-    /// The tensor's layout as text.
-    fn line(&self, streams: &CodedStreams) -> String {
-        let bits = |bytes: u64| 8.0 * bytes as f64 / self.values.max(1) as f64;
-        format!(
-            "[{}, {}], {:.2} bits a value entropy coded, {:.2} as they are, {} bytes of tables",
-            streams.rows,
-            streams.width,
-            bits(self.token_bytes),
-            bits(self.low_bit_bytes),
-            self.table_bytes
-        )
-    }
 }
 
 /// The purpose of a part of the file.
@@ -159,12 +124,10 @@ pub(super) fn tensor_parts(bytes: &[u8], path: &Path) -> Result<Vec<FilePart>, C
     tensors.sort_by(|a, b| (a.1.data_offsets, &a.0).cmp(&(b.1.data_offsets, &b.0)));
     let tensor_part = |(name, info): (String, &TensorInfo)| {
         let data = &bytes[LENGTH_BYTES + header_bytes..][info.data_offsets.0..info.data_offsets.1];
-        let streams = name.ends_with(CODED).then(|| coded_streams(data)).flatten();
-        let coded = streams.map(|streams| CodedBytes::of(&streams));
-        let line = streams.zip(coded).map(|(streams, coded)| coded.line(&streams));
+        let coded = name.ends_with(CODED).then(|| coded_streams(data)).flatten();
         FilePart {
             purpose: purpose_of(&name),
-            layout: Some(line.unwrap_or_else(|| format!("{:?} {:?}", info.dtype, info.shape))),
+            layout: Some(coded.map_or_else(|| format!("{:?} {:?}", info.dtype, info.shape), layout_of)),
             coded,
             bytes: data.len() as u64,
             rows: rows_of(&name, info, data),
@@ -173,6 +136,17 @@ pub(super) fn tensor_parts(bytes: &[u8], path: &Path) -> Result<Vec<FilePart>, C
     };
     parts.extend(tensors.into_iter().map(tensor_part));
     Ok(parts)
+}
+
+/// The shape of a coded tensor, and what its values take.
+fn layout_of(streams: CodedStreams) -> String {
+    let CodedStreams { rows, width, header_bytes, token_bytes, low_bytes } = streams;
+    let bits = |bytes: usize| 8.0 * bytes as f64 / (rows * width).max(1) as f64;
+    format!(
+        "[{rows}, {width}], {:.2} bits a value entropy coded, {:.2} as they are, {header_bytes} bytes of tables",
+        bits(token_bytes),
+        bits(low_bytes)
+    )
 }
 
 fn rows_of(name: &str, info: &TensorInfo, bytes: &[u8]) -> u64 {
@@ -227,8 +201,8 @@ mod tests {
             let coded: Vec<_> = parts.iter().filter_map(|part| Some((part, part.coded?))).collect();
             assert_eq!(coded.is_empty(), pack != Pack::Small);
             for (part, coded) in coded {
-                assert_eq!(coded.token_bytes + coded.low_bit_bytes + coded.table_bytes, part.bytes, "{}", part.name);
-                assert_eq!(part.rows > 0, coded.values > 0, "{}", part.name);
+                let bytes = coded.header_bytes + coded.token_bytes + coded.low_bytes;
+                assert_eq!((bytes as u64, coded.rows as u64), (part.bytes, part.rows), "{}", part.name);
             }
             let gaussians = sums.templates + sums.own + sums.background;
             assert_eq!(sums.own > 0, !scene.own.is_empty());

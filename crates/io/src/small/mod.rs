@@ -57,7 +57,7 @@ pub fn coded_shape(coded: &[u8]) -> Result<(usize, usize), TableError> {
 }
 
 /// The parts of a coded tensor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct CodedStreams {
     /// Number of rows.
     pub rows: usize,
