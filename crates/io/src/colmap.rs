@@ -43,7 +43,20 @@ struct Intrinsics {
 
 /// The folder of the COLMAP model of a dataset, if it has one: `sparse/0`, else `sparse`.
 pub fn colmap_folder(dataset: &Path) -> Option<PathBuf> {
-    [dataset.join("sparse/0"), dataset.join("sparse")].into_iter().find(|folder| kind_of(folder).is_some())
+    places(dataset).into_iter().find(|folder| kind_of(folder).is_some())
+}
+
+/// Where the model of a dataset may be, the first place first.
+fn places(dataset: &Path) -> [PathBuf; 2] {
+    [dataset.join("sparse/0"), dataset.join("sparse")]
+}
+
+/// What is in `sparse`, models and other things, in order of names.
+fn in_sparse(dataset: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(dataset.join("sparse")).into_iter().flatten().flatten();
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+    paths.sort();
+    paths
 }
 
 /// The ending of the files of a model, of which both cameras and images are there: `bin`, else `txt`.
@@ -64,9 +77,7 @@ fn count_images(model: &Path) -> Option<usize> {
 
 /// What a user should know of the choice of this model of a dataset: that another one has more images.
 pub(crate) fn larger_model(dataset: &Path, used: &Path, images: usize) -> Option<String> {
-    let mut others: Vec<PathBuf> =
-        std::fs::read_dir(dataset.join("sparse")).ok()?.flatten().map(|entry| entry.path()).collect();
-    others.sort();
+    let others = in_sparse(dataset);
     let counted = others.iter().filter(|other| other.as_path() != used);
     let counted = counted.filter_map(|other| Some((count_images(other)?, other)));
     let (count, other) = counted.max_by_key(|(count, other)| (*count, std::cmp::Reverse((*other).clone())))?;
@@ -82,20 +93,17 @@ pub(crate) fn larger_model(dataset: &Path, used: &Path, images: usize) -> Option
 /// The error for a dataset whose COLMAP models cannot be used: one that lacks a file, or that lies in another folder than the one
 /// that is read. `None` if it has none.
 pub(crate) fn unusable_model(dataset: &Path) -> Option<IoError> {
-    let mut models: Vec<PathBuf> =
-        std::fs::read_dir(dataset.join("sparse")).ok()?.flatten().map(|entry| entry.path()).collect();
-    models.sort();
-    let read_first = [dataset.join("sparse/0"), dataset.join("sparse")];
-    let place = read_first[0].display();
+    let (models, places) = (in_sparse(dataset), places(dataset));
+    let place = places[0].display();
     if let Some(whole) = models.iter().filter(|model| kind_of(model).is_some()).max_by_key(|model| count_images(model))
     {
         let error = IoError::new(whole, format!("is a whole COLMAP model, and models are read from {place}"));
-        return Some(match read_first[0].exists() {
+        return Some(match places[0].exists() {
             true => error.advise("exchange the names of the two folders"),
             false => error.advise(format!("rename it to {place}")),
         });
     }
-    read_first.iter().chain(&models).find_map(|model| {
+    places.iter().chain(&models).find_map(|model| {
         let is_there =
             |stem: &str| ["bin", "txt"].iter().any(|ending| model.join(format!("{stem}.{ending}")).is_file());
         let missing = match (is_there("cameras"), is_there("images")) {
