@@ -11,14 +11,13 @@ const FREE: u64 = 4096;
 /// Gaussians per byte of a file that are plausible beyond those. A real position takes two bytes or more, so this leaves room for
 /// clouds on a grid and for many equal Gaussians.
 const MOST_PER_BYTE: u64 = 16;
+/// Records of offsets of positions per byte that are plausible beyond [`FREE`]: of instances that hardly differ nearly all are zero.
+const MOST_OFFSETS_PER_BYTE: u64 = 64;
 
 /// The most Gaussians that are plausible in so many bytes of compressed data.
 pub(crate) fn most_gaussians(bytes: u64) -> u64 {
     bytes.saturating_mul(MOST_PER_BYTE).saturating_add(FREE)
 }
-
-/// Records of offsets of positions per byte that are plausible beyond [`FREE`]: of instances that hardly differ nearly all are zero.
-const MOST_OFFSETS_PER_BYTE: u64 = 64;
 
 /// The most records of offsets that are plausible in so many bytes of coded offsets of positions.
 pub(crate) fn most_offsets(bytes: u64) -> u64 {

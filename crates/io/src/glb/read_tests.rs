@@ -92,31 +92,25 @@ fn numbers_of_templates_are_obeyed() -> Outcome {
     assert_eq!((back.instances.len(), back.background.len()), (1, one.background.len()));
     assert_same_cloud(&back.flatten(), &one.flatten());
     // The same mesh as an instance of two templates.
-    let tagged = |number: u32| {
-        let mesh = foreign_json("")
-            .split("\"meshes\":[")
-            .nth(1)
-            .and_then(|rest| rest.split("],\n        \"accessors\"").next())
-            .map(str::to_owned);
-        mesh.map(|mesh| mesh.replacen('{', &format!("{{\"extras\":{{\"instgs_template\":{number}}},"), 1))
+    let of_templates = |count: usize| -> Result<Result<GlbScene, IoError>, Box<dyn std::error::Error>> {
+        let joined = |part: &dyn Fn(usize) -> String| (0..count).map(part).collect::<Vec<_>>().join(",");
+        let children = joined(&|k| (k + 1).to_string());
+        let json = foreign_json(&format!("{{\"children\":[{children}]}},{}", joined(&|k| format!("{{\"mesh\":{k}}}"))));
+        let mut document: serde_json::Value = serde_json::from_str(&json)?;
+        let mesh = document["meshes"][0].clone();
+        document["meshes"] = (0..count)
+            .map(|template| {
+                let mut mesh = mesh.clone();
+                mesh["extras"] = serde_json::json!({"instgs_template": template});
+                mesh
+            })
+            .collect();
+        Ok(parse_glb(&container(&document.to_string(), &foreign_binary()), path()))
     };
-    let (first, second) = tagged(0).zip(tagged(1)).ok_or("no mesh")?;
-    let whole = foreign_json(r#"{"children":[1,2]},{"mesh":0},{"mesh":1}"#);
-    let plain = whole
-        .split("\"meshes\":[")
-        .nth(1)
-        .and_then(|rest| rest.split("],\n        \"accessors\"").next())
-        .ok_or("no mesh")?;
-    let json = whole.replacen(plain, &format!("{first},{second}"), 1);
-    let scene = parse_glb(&container(&json, &foreign_binary()), path())?.scene;
+    let scene = of_templates(2)??.scene;
     assert_eq!((scene.instances.len(), scene.template_ranges.len(), scene.templates.len()), (2, 2, 4));
     // Not all bytes of a file can be Gaussians of many templates.
-    let many: Vec<String> = (0..50).map(|number| tagged(number).unwrap_or_default()).collect();
-    let nodes: Vec<String> = (0..50).map(|mesh| format!("{{\"mesh\":{mesh}}}")).collect();
-    let children: Vec<String> = (1..=50).map(|child| child.to_string()).collect();
-    let whole = foreign_json(&format!("{{\"children\":[{}]}},{}", children.join(","), nodes.join(",")));
-    let json = whole.replacen(plain, &many.join(","), 1);
-    let error = parse_glb(&container(&json, &foreign_binary()), path()).err().ok_or("too many are read")?;
+    let error = of_templates(50)?.err().ok_or("too many are read")?;
     assert!(error.to_string().contains("claims 100 Gaussians"), "{error}");
     Ok(())
 }

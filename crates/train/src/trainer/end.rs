@@ -16,11 +16,11 @@ use crate::observer::TrainMessage;
 use crate::results::{cleaned, evaluate_at_end, write_scene, write_training_cameras};
 use crate::start::TrainData;
 
-/// The steps of a run.
+/// How far a run has come when it ends, which Ctrl-C makes earlier.
 pub(super) struct Course {
     /// Steps that an earlier process has finished.
     pub(super) first_step: u64,
-    /// All finished steps.
+    /// Steps that are finished, those of earlier processes included.
     pub(super) done: u64,
     /// Wall time of this process's steps, without evaluations and checkpoints.
     pub(super) seconds: f64,
